@@ -96,7 +96,7 @@ def truth(path: Path) -> list[np.ndarray]:
     from geo.forcing import describe
 
     found = []
-    for source in describe.understand([path]):
+    for source in describe.open_quantities([path]):
         describe.describe(source)
         found += [source.read(i) for i in range(max(len(source.times), 1))]
     return found

@@ -163,7 +163,7 @@ def timed(move: kernel.Move, n: int, rounds: int) -> list[float]:
 
 def measure_terms(sizes: list[int], rounds: int, finer: int) -> Iterator[dict[str, Any]]:
     """Yield what each term takes with each number of particles, on the running backend."""
-    coast = shoreline.build_coast(shore.land("gshhg", throughput.BOX), throughput.BOX)
+    coast = shoreline.build_coast(shore.read_land("gshhg", throughput.BOX), throughput.BOX)
     device = device_coast.upload(coast)
     for far in (False, True):
         tiles = throughput.fields(finer if far else 1)

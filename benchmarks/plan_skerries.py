@@ -161,7 +161,7 @@ def main() -> None:
             path, {"particles": f"{given.particles}", "plan.particles": f"{given.particles // 2}"}
         )
         made, result = planner.plan(case, given.folder, overwrite=True)
-    land = shore.land("gshhg", Box(3.5, 59.5, 6.5, 61.5)).polygons
+    land = shore.read_land("gshhg", Box(3.5, 59.5, 6.5, 61.5)).polygons
     print(f"POS {made.pos:.3f}; {'; '.join(made.said) or 'nothing to say of boats'}")
     for one in made.taskings:
         if not one.out:

@@ -41,7 +41,7 @@ def written(name: str, folder: Path) -> float:
 
         return timed
 
-    with mock.patch.object(maps_page, "kept", noted):
+    with mock.patch.object(maps_page, "warn_on_failure", noted):
         drift.run(drift.load(name), folder)
     return begun[-1] - begun[-2]  # it is made last
 

@@ -52,7 +52,9 @@ def main() -> None:
     ensemble.status.fill(0)
     track = path.between(0, span, 0, None, (0.0, 0.0))
     at_lon, at_lat, ring = sensor_path.ring(pattern.area)
-    place = sensor_path.standing(at_lon, at_lat, 0, span).between(0, span, 0, None, (0.0, 0.0))
+    place = sensor_path.path_of_fixed_sensor(at_lon, at_lat, 0, span).between(
+        0, span, 0, None, (0.0, 0.0)
+    )
     curve = np.stack(laws.range_curve(Law("m_beta", 0.8)), axis=1).reshape(-1)
     exposure = runtime.empty(n)
     jobs = {

@@ -127,7 +127,7 @@ def best(job: Callable[[int], None], runs: int) -> float:
 def measure(most: int) -> list[dict[str, object]]:
     """Return one row a case: ns per particle-step for each number of particles."""
     tiles = fields()
-    land = shore.land("gshhg", BOX)
+    land = shore.read_land("gshhg", BOX)
     coast = shoreline.build_coast(land, BOX)
     device = device_coast.upload(coast)
     box = domain()

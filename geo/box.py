@@ -26,7 +26,7 @@ class Box:
         return Box(west, south, west + self.east - self.west + 2 * degrees_lon, north)
 
 
-def between(west: float, south: float, east: float, north: float) -> Box:
+def box_between(west: float, south: float, east: float, north: float) -> Box:
     """Return the box from a western edge eastward to an eastern one.
 
     Equal longitudes, or longitudes a turn apart, give the whole globe.

@@ -78,7 +78,7 @@ class Cells:
 IsLand = Callable[[Array, Array], Array]
 
 
-def index(lon: Array, lat: Array, cells: Cells) -> Array:
+def index_of_cells(lon: Array, lat: Array, cells: Cells) -> Array:
     """Return the flat index of each particle's cell, int64 (n,); -1 outside the grid.
 
     Args:
@@ -93,6 +93,6 @@ def index(lon: Array, lat: Array, cells: Cells) -> Array:
     return np.asarray(np.where(inside, iy.astype(np.int64) * cells.nlon + ix, -1))
 
 
-def fixed(probability: Array) -> Array:
+def to_fixed_point(probability: Array) -> Array:
     """Return probabilities in fixed point, int64, where ONE means 1."""
     return np.asarray(np.rint(probability * ONE), np.int64)

@@ -69,14 +69,14 @@ class UserError(Exception):
     @property
     def lines(self) -> tuple[str, ...]:
         """The errors, one line each."""
-        return tuple(" ".join(named(str(line)).split()) for line in self.args)
+        return tuple(" ".join(name_arguments(str(line)).split()) for line in self.args)
 
     def __str__(self) -> str:
-        return "\n".join(named(str(line)) for line in self.args)
+        return "\n".join(name_arguments(str(line)) for line in self.args)
 
 
 @contextmanager
-def of_a_command() -> Iterator[None]:
+def naming_options() -> Iterator[None]:
     """Keep command-line options in the messages of errors inside this context."""
     _commands.append(None)
     try:
@@ -85,7 +85,7 @@ def of_a_command() -> Iterator[None]:
         _commands.pop()
 
 
-def named(text: str) -> str:
+def name_arguments(text: str) -> str:
     """Return a text with options replaced by Python arguments, unless a command runs."""
     return text if _commands else OPTION.sub(_as_argument, text)
 

@@ -25,7 +25,7 @@ class PlaneLine:
     reach: float  # [m] from the middle to the farthest corner, on the Earth
 
 
-def line(points: Sequence[LonLat]) -> PlaneLine:
+def build_plane_line(points: Sequence[LonLat]) -> PlaneLine:
     """Return a line through points [deg] in the gnomonic plane about its middle.
 
     Raises ValueError for a line without length, and for one that is too long for one plane.

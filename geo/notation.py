@@ -23,7 +23,7 @@ ROUNDING = 1e-9  # rounding error of sums of weights
 MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 
 
-def group(moment: Any) -> str:
+def format_dtg(moment: Any) -> str:
     """Return a time (np.datetime64, UTC) as a date-time group (ACP 121), 211830ZNOV26.
 
     Seconds are dropped. Years of this century have two digits, others all of them: damaged files
@@ -37,10 +37,10 @@ def group(moment: Any) -> str:
 
 def day_time(moment: Any) -> str:
     """Return a time (np.datetime64, UTC) as day and time, 211830Z."""
-    return f"{group(moment)[:6]}Z"
+    return f"{format_dtg(moment)[:6]}Z"
 
 
-def toward(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
+def distance_and_direction(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
     """Return distance and compass direction of point 2 [deg] from point 1, on a great circle."""
     east, north = (float(x) for x in sphere.offset(*np.radians([lon1, lat1, lon2, lat2])))
     miles, eighth = (
@@ -126,7 +126,7 @@ def bearing(angle: float) -> str:
     return f"{whole.zfill(3)}{point}{rest}"
 
 
-def size(count: float) -> str:
+def format_bytes(count: float) -> str:
     """Return a number of bytes as text in GiB or MiB."""
     return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
 
@@ -146,7 +146,7 @@ def iso(time: Any) -> str:
     return f"{np.datetime_as_string(time, unit='s')}Z"
 
 
-def lasting(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Return a duration [s] as 90 min, or below a minute as 12 s."""
     return f"{seconds / 60:g} min" if seconds >= 60 else f"{seconds:g} s"
 
@@ -181,7 +181,7 @@ def stated_time(moment: Any) -> str:
 
     With seconds it is ISO 8601.
     """
-    return iso(moment) if epoch(moment) % 60 else group(moment)
+    return iso(moment) if epoch(moment) % 60 else format_dtg(moment)
 
 
 def _format_minutes(angle: float, digits: int, decimals: int) -> str:

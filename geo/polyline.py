@@ -43,7 +43,7 @@ class Legs:
     searching: tuple[bool, ...]
 
 
-def through(
+def legs_through(
     time: npt.ArrayLike,
     lon: npt.ArrayLike,
     lat: npt.ArrayLike,
@@ -80,7 +80,7 @@ def unwrap(lon: npt.ArrayLike, first: float | None = None) -> Array:
     return np.asarray(lon - 360.0 * np.cumsum(np.rint(np.diff(extended) / 360.0)))
 
 
-def fly(
+def legs_at_speed(
     lon: npt.ArrayLike,
     lat: npt.ArrayLike,
     start: float,
@@ -106,7 +106,7 @@ def fly(
         raise ValueError("has no length: all its points are the same")
     time = start + np.concatenate([[0.0], np.cumsum(steps)]) / speed
     searched = None if searching is None else [searching[k - 1] for k in keep[1:]]
-    return through(time[keep], lon[keep], lat[keep], searched)
+    return legs_through(time[keep], lon[keep], lat[keep], searched)
 
 
 def lengths(legs: Legs) -> Array:
@@ -114,7 +114,7 @@ def lengths(legs: Legs) -> Array:
     return _leg_lengths(np.array(legs.lon), np.array(legs.lat))
 
 
-def way(points: Sequence[LonLat]) -> float:
+def great_circle_length(points: Sequence[LonLat]) -> float:
     """Return the length [m] of a line of great circles through points [deg]."""
     return float(_leg_lengths(*np.array(points).T).sum())
 
@@ -132,10 +132,12 @@ def cut_legs(legs: Legs, share: float) -> Legs:
         return legs
     k = min(max(int(np.searchsorted(done, goal, "left")) - 1, 0), len(legs.lon) - 2)
     within = (goal - done[k]) / max(done[k + 1] - done[k], 1e-9)
-    return between(legs, legs.time[0], legs.time[k] + within * (legs.time[k + 1] - legs.time[k]))
+    return legs_between(
+        legs, legs.time[0], legs.time[k] + within * (legs.time[k + 1] - legs.time[k])
+    )
 
 
-def between(legs: Legs, first: float, last: float) -> Legs:
+def legs_between(legs: Legs, first: float, last: float) -> Legs:
     """Return the part of legs between two times [s since 1970]; raise ValueError if empty."""
     time = np.array(legs.time)
     first, last = max(first, legs.time[0]), min(last, legs.time[-1])
@@ -152,7 +154,7 @@ def between(legs: Legs, first: float, last: float) -> Legs:
         position_at(legs, last),
     ]
     lon, lat = np.array(vertices).T
-    return through([first, *time[inside], last], lon, lat, legs.searching[begin : finish + 1])
+    return legs_through([first, *time[inside], last], lon, lat, legs.searching[begin : finish + 1])
 
 
 def position_at(legs: Legs, time: float) -> LonLat:
@@ -165,7 +167,7 @@ def position_at(legs: Legs, time: float) -> LonLat:
     return float(unwrap([np.degrees(lon)], legs.lon[k])[0]), float(np.degrees(lat))
 
 
-def thinned(legs: Legs, tolerance: float) -> Legs:
+def thin_legs(legs: Legs, tolerance: float) -> Legs:
     """Return legs with fewer vertices, on which the unit is never off by more than a tolerance [m].
 
     Douglas and Peucker (1973, doi:10.3138/FM57-6770-U75U-7727), with the distance between positions
@@ -193,10 +195,10 @@ def thinned(legs: Legs, tolerance: float) -> Legs:
             unchecked += [part for part in ((a, k), (k, b)) if part[1] > part[0] + 1]
     vertices = np.flatnonzero(keep)
     lon, lat = np.array(legs.lon)[vertices], np.array(legs.lat)[vertices]
-    return through(t[vertices], lon, lat, [legs.searching[k] for k in vertices[:-1]])
+    return legs_through(t[vertices], lon, lat, [legs.searching[k] for k in vertices[:-1]])
 
 
-def strip(legs: Legs, reach: float) -> Area:
+def search_strip(legs: Legs, reach: float) -> Area:
     """Return the outline of the area within a reach [m] of the search legs, without holes."""
     import shapely
 

@@ -13,16 +13,16 @@ POLL = 0.25  # [s] longest time between two checks
 _of_thread = threading.local()
 
 
-class Left(BaseException):
+class WaitInterrupted(BaseException):
     """The wait was interrupted because its result is no longer needed."""
 
 
-def ask(check: Callable[[], None]) -> None:
+def set_wait_check(check: Callable[[], None]) -> None:
     """Make the waits of this thread call `check`, which raises an exception to end them."""
     _of_thread.check = check
 
 
-def heed() -> None:
+def check_wait() -> None:
     """Raise if this thread must end its wait.
 
     That is so if its check raises, or if the program's main thread has ended.
@@ -31,14 +31,14 @@ def heed() -> None:
     if check is not None:
         check()
     if not threading.main_thread().is_alive():
-        raise Left
+        raise WaitInterrupted
 
 
 @contextmanager
-def turn(lock: threading.Lock) -> Iterator[None]:
+def hold_lock(lock: threading.Lock) -> Iterator[None]:
     """Hold a lock of `threading`; the wait for it can be interrupted like any other."""
     while not lock.acquire(timeout=POLL):
-        heed()
+        check_wait()
     try:
         yield
     finally:

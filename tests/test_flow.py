@@ -118,7 +118,7 @@ def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
     sea side of islets.
     """
     box = Box(4, 60, 6.5, 62)
-    land = shore.land("gshhg", box)
+    land = shore.read_land("gshhg", box)
     coast = shoreline.build_coast(land, box)
     for step in ("5 min", "60 min"):
         text = case_of(
@@ -164,7 +164,7 @@ def test_nobody_is_inland_at_outputs_inside_a_step(tmp_path: Path) -> None:
     """Outputs every 7 minutes within steps of an hour, diffusion on: bridges to the coast of Norway
     stay in water.
     """
-    land = shore.land("gshhg", Box(4, 60, 6.5, 62))
+    land = shore.read_land("gshhg", Box(4, 60, 6.5, 62))
     coast = shoreline.build_coast(land, Box(4, 60, 6.5, 62))
     text = case_of(
         tmp_path, particles=3_000, coast="gshhg", at='"60 50N 004 40E"', duration="1 h"

@@ -196,7 +196,7 @@ def test_what_is_ready_to_be_sampled_is_made_once(
         for k in range(10)
     ]
     parts = {
-        environment.part(
+        environment.box_to_read(
             domain.bounds(run_setup.ensemble_spec(one), run_setup.environment_spec(one))
         )
         for one in cases

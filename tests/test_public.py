@@ -98,7 +98,7 @@ def test_a_case_alone_is_enough_and_options_have_their_defaults(name: str) -> No
 def test_help_of_a_run_says_units_and_shapes() -> None:
     shown = pydoc.render_doc(drift.run, renderer=pydoc.plaintext)
     for words in (
-        "memory that the run may take [GiB]",
+        "memory limit of the run [GiB]",
         "(time, lat, lon)",
         "threads of the CPU",
         "sources of the case with",

@@ -25,7 +25,7 @@ from geo.forcing.reading import memory
 SPEC = ForcingSpec("sea", "current", dataset="roms", units="m/s")
 
 
-def held() -> dict[str, memory.Held]:
+def held() -> dict[str, memory.NamedDataset]:
     """Return a data set whose components have no units, at two depths."""
     data = small_case.field()
     for name in data.data_vars:
@@ -35,7 +35,7 @@ def held() -> dict[str, memory.Held]:
         xr.DataArray([1.0, 40.0], dims="depth", name="depth", attrs={"units": "m"}),
         join="outer",
     )
-    return memory.hold({"roms": deep.transpose("time", "depth", "lat", "lon")})
+    return memory.wrap_datasets({"roms": deep.transpose("time", "depth", "lat", "lon")})
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_a_coast_is_shared_only_where_it_would_be_the_same(tmp_path: Path) -> No
         for one in (Box(-90.0, 26.0, -86.0, 29.0), Box(-121.0, 3.0, -55.0, 51.0))
     )
     assert (
-        edges.build_coast(shore.land(asked.coast.source, wide.box, False), wide.box).shift
+        edges.build_coast(shore.read_land(asked.coast.source, wide.box, False), wide.box).shift
         > edges.FINEST
     )
     found = near.coast(spec, asked, box)
@@ -123,7 +123,7 @@ def test_a_coast_is_shared_only_where_it_would_be_the_same(tmp_path: Path) -> No
     coast = found[1]
     assert coast.shift == edges.FINEST
     assert near.coast(spec, asked, box)[1] is coast  # made once
-    alone = edges.build_coast(shore.land(asked.coast.source, box, False), box)
+    alone = edges.build_coast(shore.read_land(asked.coast.source, box, False), box)
     here = np.random.default_rng(3).uniform([[-87.9], [27.5]], [[-87.3], [28.1]], (2, 400))
     at = [np.round(v * 2**32 / 360).astype(np.int64) for v in here]
     own, other = (edges.is_land(one, *at) for one in (coast, alone))

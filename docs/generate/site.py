@@ -9,7 +9,7 @@ from typing import Any
 from sphinx.errors import ConfigError
 from sphinx.util import logging
 
-from generate import commands, files, gallery, keys, objects, runs
+from generate import commands, faults, files, gallery, keys, objects, runs
 
 MADE = "generated"  # below docs/, not kept in the repository
 LOG = logging.getLogger(__name__)
@@ -80,6 +80,7 @@ def write(docs: Path) -> None:
         ("keys", keys.page(docs)),
         ("commands", commands.page()),
         ("python", objects.page()),
+        ("faults", faults.page()),
         ("files", files.page(results)),
     ):
         (made / f"{name}.md").write_text(text, encoding="utf-8")

@@ -1,1 +1,1 @@
-"""How good a forecast is, and what differs between two of them."""
+"""Measure how good a forecast is, and compare two forecasts."""

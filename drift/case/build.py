@@ -208,7 +208,7 @@ def _why_not_repopulated(
     start: np.datetime64,
 ) -> list[str]:
     """Return the reasons why a case excludes repopulation at its contacts."""
-    lines = [filling.refused(resampling, scenarios, search.contacts, start)]
+    lines = [filling.why_not_repopulated(resampling, scenarios, search.contacts, start)]
     if table.unit or table.tow or "plan" in table.model_fields_set:
         lines.append(
             f'resampling: a plan needs particles of the posterior, and method "{resampling.method}" does not keep these; give '
@@ -327,7 +327,7 @@ def _check_inside_run(
     """Return the time of a key; raise UserError if it lies outside the run."""
     if not min(start, end) <= time <= max(start, end):
         raise UserError(
-            f"{key}: {notation.group(time)} is outside the run, {notation.group(start)} to {notation.group(end)}"
+            f"{key}: {notation.format_dtg(time)} is outside the run, {notation.format_dtg(start)} to {notation.format_dtg(end)}"
         )
     return time
 

@@ -28,12 +28,12 @@ class Run:
         """Raise ValueError if the interval from `first` to `last` is not inside the run."""
         if first < self.start or last > self.end:
             when = (
-                notation.group(first)
+                notation.format_dtg(first)
                 if first == last
-                else f"{notation.group(first)} to {notation.group(last)}"
+                else f"{notation.format_dtg(first)} to {notation.format_dtg(last)}"
             )
             raise ValueError(
-                f"{when} is outside the run, {notation.group(self.start)} to {notation.group(self.end)}; change its "
+                f"{when} is outside the run, {notation.format_dtg(self.start)} to {notation.format_dtg(self.end)}; change its "
                 "times, or the case's start, duration or end"
             )
 

@@ -27,7 +27,7 @@ from drift.case.schema import CaseTable
 from drift.case.values import messages, mistakes, units
 from drift.case.values.mistakes import Mistakes
 from drift.engine.environment.forcing_spec import ForcingSpec
-from drift.engine.motion.steering.family import gathered
+from drift.engine.motion.steering.family import merge_lines
 from geo.errors import UserError
 from geo.files import small
 from geo.forcing.quantity import QUANTITIES
@@ -181,7 +181,7 @@ def _with_families(data: dict[str, Any]) -> Any:
 
 def _merge_family_mistakes(lines: Sequence[str], data: dict[str, Any]) -> tuple[str, ...]:
     """Merge lines of mistakes that scenarios of one family share."""
-    return tuple(gathered(lines, family.places(data)))
+    return tuple(merge_lines(lines, family.places(data)))
 
 
 def source(quantity: str, files: Sequence[str], overrides: Mapping[str, str]) -> ForcingSpec:
@@ -274,7 +274,7 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
         path = Path(str(resources.files("cases").joinpath(f"{name}.toml")))
     try:
         # Windows editors write a byte order mark
-        return path, small.contents(path, LARGEST).decode("utf-8-sig")
+        return path, small.read_small_file(path, LARGEST).decode("utf-8-sig")
     except (FileNotFoundError, NotADirectoryError):
         if str(name) in {known for known, _ in shipped("tracking")}:
             raise UserError(

@@ -31,7 +31,7 @@ from drift.case.values import fields, units
 from drift.case.values.grid import GridTable
 from drift.forecast import shares
 from geo import notation
-from geo.box import Box, between
+from geo.box import Box, box_between
 
 SEARCH = (
     "sortie",
@@ -137,7 +137,7 @@ class DomainTable(fields.Table):
 
     def box(self) -> Box:
         """Return the box; if its east is below its west it crosses the antimeridian."""
-        return between(self.west, self.south, self.east, self.north)
+        return box_between(self.west, self.south, self.east, self.north)
 
 
 def _lakes(value: object) -> bool | str:
@@ -363,7 +363,7 @@ class CaseTable(fields.Table):
         if end == start and self.duration is not None:
             return [f"duration {self.duration:g} s is less than a second: nothing to forecast"]
         if end == start:
-            return [f"end {notation.group(end)} is the start: nothing to forecast"]
+            return [f"end {notation.format_dtg(end)} is the start: nothing to forecast"]
         if (end < start) == (self.direction == "backward"):
             return []
         fault = "before" if end < start else "after"
@@ -373,7 +373,7 @@ class CaseTable(fields.Table):
             else "an end before the start"
         )
         return [
-            f"end {notation.group(end)} is {fault} start {notation.group(start)} in a {self.direction} run; give {cure}"
+            f"end {notation.format_dtg(end)} is {fault} start {notation.format_dtg(start)} in a {self.direction} run; give {cure}"
         ]
 
     def begin(self) -> np.datetime64:

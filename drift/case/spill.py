@@ -502,8 +502,8 @@ def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.
             )
         if time is not None and time != patrol.time:
             raise ValueError(
-                f'{name}: found at {notation.group(time)}, but patrol "{table.by}" was there at '
-                f"{notation.group(patrol.time)}"
+                f'{name}: found at {notation.format_dtg(time)}, but patrol "{table.by}" was there at '
+                f"{notation.format_dtg(patrol.time)}"
             )
         if patrol.detection == 0:
             raise ValueError(
@@ -560,13 +560,13 @@ def _check(spill: Spill, when: str) -> None:
         if event.time <= began:
             word = "found" if isinstance(event, Find) else "a patrol"
             wrong.lines.append(
-                f"{event.name}: {word} at {notation.group(event.time)}, not after the spill, which began at "
-                f"{notation.group(began)} at the earliest; check its time, or [spill] {when}"
+                f"{event.name}: {word} at {notation.format_dtg(event.time)}, not after the spill, which began at "
+                f"{notation.format_dtg(began)} at the earliest; check its time, or [spill] {when}"
             )
     until, last = spill.reporting.until, max((event.time for event in events), default=began)
     if until is not None and until < last:
         what = "the last find or patrol" if events else "the spill"
         wrong.lines.append(
-            f"spill.reporting.until {notation.group(until)} is before {what}, {notation.group(last)}"
+            f"spill.reporting.until {notation.format_dtg(until)} is before {what}, {notation.format_dtg(last)}"
         )
     wrong.refuse()

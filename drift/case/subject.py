@@ -66,25 +66,25 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
     for event in events:
         if event.time > end:
             wrong.lines.append(
-                f"{event.name}: at {notation.group(event.time)}, after the run's end, {notation.group(end)}; run for "
+                f"{event.name}: at {notation.format_dtg(event.time)}, after the run's end, {notation.format_dtg(end)}; run for "
                 "longer"
             )
     last = max((event.time for event in events), default=start)
     for team in record.teams:
         if team.times[0] < last:
             wrong.lines.append(
-                f'patrol_unit "{team.name}": first {notation.group(team.times[0])} is before the last find or patrol, '
-                f"{notation.group(last)}: a plan uses all finds and patrols; give a later first"
+                f'patrol_unit "{team.name}": first {notation.format_dtg(team.times[0])} is before the last find or patrol, '
+                f"{notation.format_dtg(last)}: a plan uses all finds and patrols; give a later first"
             )
         if team.times[-1] > end:
             wrong.lines.append(
-                f'patrol_unit "{team.name}": its last patrol, at {notation.group(team.times[-1])}, is after the '
-                f"run's end, {notation.group(end)}; give fewer days, or run for longer"
+                f'patrol_unit "{team.name}": its last patrol, at {notation.format_dtg(team.times[-1])}, is after the '
+                f"run's end, {notation.format_dtg(end)}; give fewer days, or run for longer"
             )
     until = record.reporting.until
     if until is not None and until > end:
         wrong.lines.append(
-            f"spill.reporting.until {notation.group(until)} is after the run's end, {notation.group(end)}; run for "
+            f"spill.reporting.until {notation.format_dtg(until)} is after the run's end, {notation.format_dtg(end)}; run for "
             "longer"
         )
     wrong.refuse()
@@ -230,8 +230,8 @@ def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetim
     for time in (prior.release_start, prior.release_end):
         if not min(start, end) <= time <= max(start, end):
             raise UserError(
-                f"{place}: it may go adrift at {notation.group(time)}, outside the run, {notation.group(start)} to "
-                f"{notation.group(end)}; change its times or the case's start and end"
+                f"{place}: it may go adrift at {notation.format_dtg(time)}, outside the run, {notation.format_dtg(start)} to "
+                f"{notation.format_dtg(end)}; change its times or the case's start and end"
             )
 
 
@@ -243,12 +243,12 @@ def _check_itinerary(
         raise UserError(
             f"{place}: a target that steers needs a forward run; give an end after the start, or leave phases out"
         )
-    span = f"outside the run, {notation.group(start)} to {notation.group(end)}; change its times or the case's start and end"
+    span = f"outside the run, {notation.format_dtg(start)} to {notation.format_dtg(end)}; change its times or the case's start and end"
     for time in _departures(itinerary.phases[0]):
         if not start <= time <= end:
-            raise UserError(f"{place}: it may get under way at {notation.group(time)}, {span}")
+            raise UserError(f"{place}: it may get under way at {notation.format_dtg(time)}, {span}")
     if itinerary.overdue is not None and not start < itinerary.overdue <= end:
-        raise UserError(f"{place}.overdue: {notation.group(itinerary.overdue)} is {span}")
+        raise UserError(f"{place}.overdue: {notation.format_dtg(itinerary.overdue)} is {span}")
 
 
 def _departures(first: Phase) -> list[np.datetime64]:

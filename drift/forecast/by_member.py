@@ -12,7 +12,7 @@ import numpy as np
 from drift.engine.particles import snapshot
 from drift.engine.particles.snapshot import Output, Snapshot
 from drift.products.files import formats
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.report import leaves
 from geo.array import Array
 
@@ -95,11 +95,11 @@ FILES: dict[str, Callable[[Members, Stamped], Contents]] = {
 }
 
 
-def chapter(members: Members) -> Chapter:
+def chapter(members: Members) -> OutputBundle:
     """Return the output bundle of members."""
-    return Chapter(
+    return OutputBundle(
         {"members": summary_of_members(members)},
-        bound(FILES, members),
+        bind_outputs(FILES, members),
         leaves=(partial(_leaves, members),),
     )
 

@@ -29,14 +29,14 @@ class OneScenario:
     forecast: Forecast
 
 
-def each(forecast: Forecast, time: int) -> list[OneScenario]:
+def forecasts_by_scenario(forecast: Forecast, time: int) -> list[OneScenario]:
     """Return the scenarios that have maps at an output, likeliest first; the rest together come
     last.
 
     A scenario that is ruled out, or has no particles on the map, has an empty map.
     """
     data = forecast.data
-    shown = dataset.shown(data)
+    shown = dataset.displayed_scenarios(data)
     weight = data["scenario_probability"].values
     before, now = shown.sums(weight[0]), shown.sums(weight[time])
     names = shown.names([str(name) for name in data["scenario"].values])

@@ -21,7 +21,7 @@ LEAST = 0.01  # probability ashore below which its position is not reported
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows and columns to half of the eight round a cell
 
 
-def strips(at: Any, shares: Sequence[float]) -> dict[float, shapely.MultiLineString]:
+def coast_lines_by_share(at: Any, shares: Sequence[float]) -> dict[float, shapely.MultiLineString]:
     """Return, by share, the coast inside its area and outside all smaller ones, as lines from cell
     to cell.
 

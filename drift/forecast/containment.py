@@ -34,9 +34,9 @@ def containment_at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike)
     times = data["time"].values
     match = np.flatnonzero(times == np.datetime64(time, "ns"))
     if not match.size:
-        first, last = (notation.group(moment) for moment in times[[0, -1]])
+        first, last = (notation.format_dtg(moment) for moment in times[[0, -1]])
         raise UserError(
-            f"containment at {notation.group(np.datetime64(time, 's'))}: no output is at that time; "
+            f"containment at {notation.format_dtg(np.datetime64(time, 's'))}: no output is at that time; "
             f"there are {times.size}, from {first} to {last}: see output.times"
         )
     output = data.isel(time=int(match[0]))

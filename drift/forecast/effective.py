@@ -85,7 +85,7 @@ class Effective:
             mass = mass / np.where(top > 0, top, 1.0)[of]
             total, squares = np.bincount(of, mass, self._many), np.bincount(of, mass**2, self._many)
         else:
-            total, squares = partials.merged(self._sums).total.T
+            total, squares = partials.merge_partials(self._sums).total.T
         return of_sums(total, squares)
 
 
@@ -111,7 +111,7 @@ def number(weight: Array, family: Array | None = None) -> float:
     return float(counted.numbers[0])
 
 
-def by(code: Array, many: int, weight: Array, family: Array | None = None) -> Array:
+def effective_by_code(code: Array, many: int, weight: Array, family: Array | None = None) -> Array:
     """Return the effective sample size of each code 0 to many - 1, (many,); family: as in
     `number`.
     """
@@ -219,7 +219,7 @@ def _others(many: int) -> str:
     return f", and few of {many} other{'s' if many > 1 else ''}"
 
 
-def of_run(
+def effective_warnings(
     data: Any, particles: int, since: np.datetime64 | None = None, left: float = 0.0
 ) -> list[str]:
     """Return a forecast's warnings of outputs, and of parts at its end, with few effective
@@ -242,7 +242,7 @@ def of_run(
                 else ""
             )
             sentences.append(
-                sentence(counts[worst], f"at {notation.group(times[few[worst]])}{others}")
+                sentence(counts[worst], f"at {notation.format_dtg(times[few[worst]])}{others}")
             )
     return sentences + parts(data, len(times) - 1)
 

@@ -29,7 +29,7 @@ def box(data: xr.Dataset) -> Box:
     )
 
 
-def opening(data: xr.Dataset, opens: np.datetime64 | None) -> int:
+def opening_output(data: xr.Dataset, opens: np.datetime64 | None) -> int:
     """Return the index of the output nearest to a time, which is shown first; None: the last
     output.
     """

@@ -9,7 +9,7 @@ from drift.forecast.likeliest import Shown
 from drift.products.maps.marks import Line, Mark
 
 
-def starts(
+def prior_marks(
     scenarios: Sequence[Scenario], known_as: str, short: str, shown: Shown | None = None
 ) -> tuple[list[Mark], list[Line]]:
     """Return the priors of scenarios for a chart: positions as marks, areas and tracklines as

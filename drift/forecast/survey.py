@@ -64,7 +64,7 @@ def survey_output(output: Output, scenarios: int) -> Survey:
         if part.world is not None:
             worlds.add(weight, blocks, family=part.world)
             last_world = max(last_world, int(part.world.max()))
-    whole = partials.merged(parts)
+    whole = partials.merge_partials(parts)
     total, of_scenarios = whole.total[0], whole.by_scenario[:, 0]
     status, squares = total[tally.STATUS].reshape(2, -1)
     spread = effective.of_sums(*total[tally.WEIGHT])

@@ -26,11 +26,11 @@ from drift.engine.particles import life
 from drift.engine.particles.columns import Columns
 from drift.engine.particles.ensemble import Ensemble
 from drift.evidence.filter import account
-from drift.evidence.filter.account import Noted
+from drift.evidence.filter.account import UpdateCallback
 from drift.evidence.filter.products import chapter as search_chapter
 from drift.evidence.filter.products import particles_left
 from drift.evidence.filter.products import tables as search_tables
-from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.standing import SearchStatus
 from drift.evidence.filter.updates import Updates
 from drift.evidence.posterior import chapter as posterior_chapter
 from drift.evidence.posterior import tables as posterior_tables
@@ -59,7 +59,7 @@ from drift.pipeline.run_setup import Setup, Start
 from drift.pipeline.shards import cluster, divide, fingerprint, shelf, spilled
 from drift.pipeline.shards import run as shards_run
 from drift.products.files import publication, writer
-from drift.products.files.chapter import Chapter, join_contents
+from drift.products.files.chapter import OutputBundle, join_contents
 from drift.products.maps.imprint import Setting
 from drift.spills.backtrack import backward
 from drift.spills.backtrack import chapter as backtrack_chapter
@@ -180,7 +180,7 @@ class Ended:
     updates: Updates | None = None
     posteriors: Posteriors | None = None
     after: Aftermath | None = None
-    begun: Standing | None = None
+    begun: SearchStatus | None = None
 
 
 @dataclass(frozen=True)
@@ -191,14 +191,14 @@ class Moved(Ended):
     done: Drifted = field(kw_only=True)
 
 
-def forecasted(job: Job, noted: Noted | None = None) -> Result:
+def forecasted(job: Job, noted: UpdateCallback | None = None) -> Result:
     """Return the forecast of a job's case; `noted` is the update callback of `simulate_run`."""
     with kept(job, noted) as result:
         return result
 
 
 @contextlib.contextmanager
-def kept(job: Job, noted: Noted | None = None) -> Iterator[Result]:
+def kept(job: Job, noted: UpdateCallback | None = None) -> Iterator[Result]:
     """Yield the forecast of a job's case; its particles can be read until the context closes."""
     many = _number_of_shards(job)
     with contextlib.ExitStack() as stack:
@@ -229,7 +229,7 @@ def _number_of_shards(job: Job) -> int:
 
 
 def _simulate_in_shards(
-    job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | None
+    job: Job, many: int, stack: contextlib.ExitStack, noted: UpdateCallback | None
 ) -> Ended:
     """Simulate a run in shards; its particles can be read until the stack closes."""
     with job.clock.phase("start"):
@@ -287,7 +287,7 @@ def _weight_by_finds(
 
 
 def simulate_run(
-    job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None
+    job: Job, begin: Start, stack: contextlib.ExitStack, noted: UpdateCallback | None = None
 ) -> Moved:
     """Simulate a run in one piece.
 
@@ -337,8 +337,8 @@ def build_result(job: Job, run: Ended) -> Result:
     member_told = _results_by_member(setup.spec.members, run)
     if member_told is not None:
         summary |= {"members": by_member.summary_of_members(member_told)}
-    off_map = off_grid.warnings(forecast.data)
-    summary["warnings"] = particles_left.of_run(
+    off_map = off_grid.fixed_grid_warnings(forecast.data)
+    summary["warnings"] = particles_left.few_particles_warnings(
         forecast.data, case.particles, updates, case.contacts
     )
     summary["warnings"] += off_map
@@ -352,7 +352,9 @@ def build_result(job: Job, run: Ended) -> Result:
         summary |= {"search": search_tables.summary_of_search(updates)}
     if posteriors is not None:
         summary |= posterior_tables.summary(posteriors)
-    on = run_metadata.with_coast(run_metadata.setting(case, where, dataset.shown(forecast.data)))
+    on = run_metadata.with_coast(
+        run_metadata.setting(case, where, dataset.displayed_scenarios(forecast.data))
+    )
     flown = updates.sorties if updates else ()
     # Keep the sampled field, not the dataset: a dataset passed in by the caller can be freed.
     flows = ambient.over(
@@ -402,17 +404,19 @@ def _overlay_flows(found: Mapping[str, Flow], time: Any) -> Any:
     return layers.flows(found, time)
 
 
-def _initial_status(case: Case, ensemble: Ensemble) -> Standing | None:
+def _initial_status(case: Case, ensemble: Ensemble) -> SearchStatus | None:
     """Return the search status before any sortie or contact; None if the case does not report
     it."""
     if not run_setup.is_standing(case):
         return None
     columns = {"log_weight": ensemble.log_weight.to_numpy(), "release": ensemble.release.to_numpy()}
-    return account.begun(run_setup.ensemble_spec(case), Columns.held(ensemble.blocks, columns))
+    return account.initial_status(
+        run_setup.ensemble_spec(case), Columns.held(ensemble.blocks, columns)
+    )
 
 
 def _simulate_ensemble(
-    job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None
+    job: Job, begin: Start, stack: contextlib.ExitStack, noted: UpdateCallback | None = None
 ) -> tuple[Drifted, Updates | None, Posteriors | None]:
     """Simulate an ensemble; return the run, its search updates and its posteriors.
 
@@ -453,7 +457,7 @@ def _simulate_ensemble(
 
 
 def write(
-    result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Planned | None = None
+    result: Result, job: Job, *, more: Sequence[OutputBundle] = (), planned: Planned | None = None
 ) -> None:
     """Write all output files of a forecast to the job's folder, if it has one: all files or none.
 
@@ -487,7 +491,7 @@ def _write(
     *,
     overwrite: bool,
     report: Report,
-    more: Sequence[Chapter] = (),
+    more: Sequence[OutputBundle] = (),
     planned: Planned | None = None,
 ) -> None:
     report("write", 0.0)
@@ -503,7 +507,7 @@ def _write(
     chapters = [
         run_metadata.chapter(case, facts, {COMMAND: "plan" if more else "run", **result.summary})
     ]
-    chapters.append(Chapter(leaves=(partial(_environment_items, result, on),)))
+    chapters.append(OutputBundle(leaves=(partial(_environment_items, result, on),)))
     if after is not None:
         chapters.append(spill_chapter.chapter(spill_chapter.SpillOutputs(after, on)))
     if updates is not None:
@@ -511,10 +515,12 @@ def _write(
         search_matter = search_chapter.SearchOutputs(
             updates, case.contacts, result.forecast, failed, case.sensors
         )
-        chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
+        chapters.append(search_chapter.search_bundle(search_matter, mapped=planned is None))
     if result.posteriors is not None:
         chapters.append(
-            posterior_chapter.chapter(posterior_chapter.PosteriorOutputs(result.posteriors, failed))
+            posterior_chapter.posterior_bundle(
+                posterior_chapter.PosteriorOutputs(result.posteriors, failed)
+            )
         )
     if result.members is not None:
         chapters.append(by_member.chapter(result.members))
@@ -524,7 +530,7 @@ def _write(
         suspend_matter = suspend_chapter.SuspensionOutputs(
             basis, on.imprint, run_metadata.synthetic(case), lost
         )
-        chapters.append(suspend_chapter.chapter(suspend_matter))
+        chapters.append(suspend_chapter.suspension_bundle(suspend_matter))
     # Small maps omit legs and contacts, which would hide the map; sensor lines are few.
     sensors = (
         [partial(search_chapter.overlay, (), (), sensors=case.sensors)]
@@ -536,7 +542,7 @@ def _write(
     forecast_matter = forecast_chapter.ForecastOutputs(
         result.forecast, result.trajectories, mapped_at, result.overlays, sensors
     )
-    chapters.insert(0, forecast_chapter.chapter(forecast_matter))
+    chapters.insert(0, forecast_chapter.forecast_bundle(forecast_matter))
     publish(out, chapters, failed, overwrite=overwrite, tell=partial(report, "write"))
 
 
@@ -547,7 +553,7 @@ def _environment_items(result: Result, on: Setting) -> list[Any]:
     from drift.products.report import leaves
 
     begun = (
-        [leaves.marked("Where it began", on.marks, on.lines, "start")]
+        [leaves.marks_leaf("Where it began", on.marks, on.lines, "start")]
         if on.marks or on.lines
         else []
     )
@@ -560,7 +566,7 @@ def _environment_items(result: Result, on: Setting) -> list[Any]:
 
 def publish(
     out: Path,
-    chapters: Sequence[Chapter],
+    chapters: Sequence[OutputBundle],
     on: Setting,
     *,
     overwrite: bool,
@@ -579,14 +585,14 @@ def publish(
     from drift.products.report import page as report_page
 
     joined = join_contents(chapters)
-    pictures = {name: page.kept(draw) for name, draw in joined.pictures.items()}
+    pictures = {name: page.warn_on_failure(draw) for name, draw in joined.pictures.items()}
 
     def write_report(path: Path) -> None:
         report_page.write(
             path, [leaf for leaves in joined.leaves for leaf in leaves()], on, joined.warnings
         )
 
-    drawn = replace(joined, pictures=pictures, digests={REPORT: page.kept(write_report)})
+    drawn = replace(joined, pictures=pictures, digests={REPORT: page.warn_on_failure(write_report)})
     writer.write(out, [drawn], overwrite=overwrite, processes=runtime.threads(), tell=tell)
 
 
@@ -647,8 +653,8 @@ def origin(
         matter = backtrack_chapter.OriginOutputs(
             release, case.spill.finds, run_metadata.setting(case, where)
         )
-        run = Chapter(facts=run_metadata.attributes(case, where))
-        end = Chapter(
+        run = OutputBundle(facts=run_metadata.attributes(case, where))
+        end = OutputBundle(
             {"wall_time_s": job.clock.seconds}, leaves=(lambda: [run_metadata.written(case)],)
         )
         chapters = [run, backtrack_chapter.chapter(matter), end]
@@ -680,7 +686,7 @@ def _sample_tracks(case: Case, snapshots: SnapshotStore) -> Trajectories:
     slot = slot if living is None else living[slot]
     way = snapshots.follow(slot)
     release, since, edge = snapshots.at_end(("release", "status_since", "edge"), slot)
-    over = life.over(way["status"][:, -1])
+    over = life.has_stopped(way["status"][:, -1])
     ended, edge = np.where(over, since, -1), np.where(over, edge, -1)
     times = np.array([snapshots.time(k) for k in range(len(snapshots))])
     at = way["lon"], way["lat"], way["status"], way["probability"]

@@ -19,7 +19,7 @@ from drift.case.record import Case
 from drift.engine.environment.ambient import Flow
 from drift.evidence.filter import crossings
 from drift.evidence.filter.products import tables as search_tables
-from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.standing import SearchStatus
 from drift.evidence.filter.updates import Updates
 from drift.evidence.posterior import ranking
 from drift.evidence.posterior import tables as posterior_tables
@@ -68,7 +68,7 @@ class Result:
     aftermath: Aftermath | None = None  # posterior of a spill: washup, finds, parameters
     updates: Updates | None = None  # effect of each sortie and contact
     # search status before the first update; None: no sorties, no survival times
-    begun: Standing | None = None
+    begun: SearchStatus | None = None
     # of the non-position variables; None: no itineraries and no observations
     posteriors: Posteriors | None = None
     # winds and currents of the likeliest scenario, for arrows
@@ -197,7 +197,7 @@ class Result:
         from drift.forecast.products import map as forecast_map
         from drift.products.maps import page
 
-        with page.literal():
+        with page.literal_text():
             figure = forecast_map.figure(
                 self.forecast, self.setting, time=self._output(time), overlays=self.overlays
             )
@@ -208,7 +208,7 @@ class Result:
         """Return the index of an output time; None: the time of map.png."""
         times = self.forecast.data["time"].values
         if time is None:
-            return mapped.opening(self.forecast.data, self.setting.opens)
+            return mapped.opening_output(self.forecast.data, self.setting.opens)
         try:
             found = np.flatnonzero(times == np.datetime64(str(time).rstrip("Z")))
         except ValueError:
@@ -246,7 +246,7 @@ class Result:
         data, last = self.forecast.data, self.forecast.data.isel(time=-1)
         count = effective.effective_at(data, -1, self.case.particles)
         return [
-            ("Valid", notation.group(last["time"].values[()])),
+            ("Valid", notation.format_dtg(last["time"].values[()])),
             (
                 "Mean position",
                 notation.position(last["mean_lon"].item(), last["mean_lat"].item()) or "none",

@@ -16,11 +16,11 @@ from drift.engine.motion.scenario import Scenario
 from drift.engine.particles.status import Status
 from drift.forecast import likeliest
 from drift.forecast.likeliest import Shown
-from drift.forecast.starts import others, starts
+from drift.forecast.starts import others, prior_marks
 from drift.forecast.survey import Survey
 from drift.pipeline.run_setup import Setup
 from drift.products.files import formats
-from drift.products.files.chapter import Chapter
+from drift.products.files.chapter import OutputBundle
 from drift.products.maps.imprint import Imprint, Setting
 from drift.products.report import leaves
 from drift.products.report.leaves import Leaf
@@ -52,7 +52,7 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
     }
 
 
-def chapter(case: Case, facts: Mapping[str, str], numbers: Mapping[str, Any]) -> Chapter:
+def chapter(case: Case, facts: Mapping[str, str], numbers: Mapping[str, Any]) -> OutputBundle:
     """Return the output bundle of a run's metadata.
 
     Args:
@@ -61,7 +61,7 @@ def chapter(case: Case, facts: Mapping[str, str], numbers: Mapping[str, Any]) ->
         numbers: contents of its summary.json.
     """
     items = (partial(_report_items, case, numbers),)
-    return Chapter(numbers, leaves=items, facts=facts, warnings=tuple(numbers["warnings"]))
+    return OutputBundle(numbers, leaves=items, facts=facts, warnings=tuple(numbers["warnings"]))
 
 
 def _report_items(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
@@ -117,7 +117,7 @@ def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setti
         )
     if shown is None or case.spill:
         shown = likeliest.likeliest_scenarios([scenario.weight for scenario in released])
-    marks, lines = starts(released, known_as, short, shown)
+    marks, lines = prior_marks(released, known_as, short, shown)
     return Setting(
         Imprint(
             case.title,
@@ -126,7 +126,7 @@ def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setti
             {**source, "run_id": formats.run_id(source)},
             caution(case),
         ),
-        coastline.lands(where.coast, case.coast),
+        coastline.land_reader(where.coast, case.coast),
         marks,
         lines,
         others(released, shown),

@@ -27,13 +27,13 @@ from drift.engine.particles import partials, weights
 from drift.engine.particles.columns import Columns
 from drift.engine.particles.ensemble import Ensemble
 from drift.engine.particles.status import Status
-from drift.evidence.filter.account import Noted
+from drift.evidence.filter.account import UpdateCallback
 from drift.evidence.filter.debris import guide as guides
 from drift.evidence.filter.debris import pilot
 from drift.evidence.filter.debris.guide import Guide
 from drift.evidence.filter.debris.guide import Trial as Lead
 from drift.evidence.filter.filter import SearchFilter
-from drift.evidence.filter.meeting import Meeting
+from drift.evidence.filter.meeting import Reduction
 from drift.evidence.filter.updates import Update
 from drift.evidence.posterior.beliefs import Beliefs
 from drift.evidence.posterior.source import Particles
@@ -134,7 +134,9 @@ def open_for(
     held = environment.hold(asked, datasets, case.path.name)
     where = environment.open_for(ensemble_spec(case), asked, held, seen, common)
     if where.coast is not None:
-        afloat.refuse(case.named_sensors.values(), coastline.lands(where.coast, case.coast))
+        afloat.check_sonars_in_water(
+            case.named_sensors.values(), coastline.land_reader(where.coast, case.coast)
+        )
     return where
 
 
@@ -161,10 +163,10 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
         dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
     else:
         drawn = prior.draw_ensemble(spec, shore)
-        ensemble, dry = drawn.ensemble, prior.dry(spec, drawn.tried, shore)
+        ensemble, dry = drawn.ensemble, prior.shares_on_land(spec, drawn.tried, shore)
     setup = staged(case, where, shore, ensemble, dry)
     with closed_on_failure(setup):
-        lacks = lost.lacking(where.box, ensemble, setup.scene, setup.clock)
+        lacks = lost.prior_without_forcing(where.box, ensemble, setup.scene, setup.clock)
         lost.check_prior(spec, where, case.max_lost, setup.scene, lacks)
         setup = replace(setup, guide=guide_of(case, where, setup))
         begun = Start(**vars(setup), ensemble=ensemble, worlds=drawn_first)
@@ -225,7 +227,7 @@ def _check_memory(case: Case) -> None:
     remedy = "take fewer, or leave it to drift run to move them in shards that fit"
     if need > free:
         raise UserError(
-            f"{case.path.name}: {case.particles:,} particles in one piece take {notation.size(need)}, and {notation.size(free)} "
+            f"{case.path.name}: {case.particles:,} particles in one piece take {notation.format_bytes(need)}, and {notation.format_bytes(free)} "
             f"of memory are free; {remedy}"
         )
     # querying the card takes as long as a small forecast, so only large runs do
@@ -404,8 +406,8 @@ def search(
     case: Case,
     begin: Start,
     beliefs: Beliefs | None = None,
-    noted: Noted | None = None,
-    meeting: Meeting | None = None,
+    noted: UpdateCallback | None = None,
+    meeting: Reduction | None = None,
     *,
     resumed: bool = False,
 ) -> SearchFilter | None:
@@ -436,7 +438,7 @@ def search(
     )
 
 
-def noting(beliefs: Beliefs | None, noted: Noted | None) -> Noted | None:
+def noting(beliefs: Beliefs | None, noted: UpdateCallback | None) -> UpdateCallback | None:
     """Return the update callback that records posteriors, then calls `noted`."""
     if beliefs is None:
         return noted
@@ -496,7 +498,7 @@ def check_end(
     Raises:
         UserError: more than `max_lost` left the domain or its forcing.
     """
-    unit = weights.unit(unsearched, "unsearched") if unsearched else None
+    unit = weights.normalising_scale(unsearched, "unsearched") if unsearched else None
 
     def ends() -> Iterator[AtEnd]:
         for part in snapshots.outputs[-1].parts():
@@ -513,7 +515,7 @@ def check_end(
         )
         for end in ends()
     ]
-    status = partials.merged(sums).total[:, 0]
+    status = partials.merge_partials(sums).total[:, 0]
     lost.check_end(where, case.max_lost, begin.scene, begin.clock, status, ends)
 
 

@@ -29,7 +29,7 @@ from geo.coast.shore import Shore
 from geo.errors import UserError
 from geo.forcing import reader, sources
 from geo.forcing.reading import memory
-from geo.forcing.reading.kept import Finished
+from geo.forcing.reading.kept import SliceCache
 from geo.forcing.sources import Source
 from kernels.step import coast as device_coast
 
@@ -43,7 +43,7 @@ class Files:
     A source that cannot be opened raises the same UserError every time.
     """
 
-    def __init__(self, held: Mapping[str, memory.Held]) -> None:
+    def __init__(self, held: Mapping[str, memory.NamedDataset]) -> None:
         self._held = held
         self._opened: dict[str, reader.Opened | UserError] = {}
 
@@ -72,7 +72,7 @@ class Waters:
         self._files = files
         self._kept: dict[int, reader.Opened] = {}
         self._cuts: dict[tuple[int, Box], Source] = {}
-        self._finished = Finished()
+        self._finished = SliceCache()
         self._lands: dict[tuple[str, Any], tuple[Shore, shoreline.Coast | None]] = {}
         self._shores: dict[int, tuple[shoreline.Coast, device_coast.DeviceCoast]] = {}
 
@@ -90,7 +90,7 @@ class Waters:
         self._cuts[key] = part
         if len(self._cuts) > CUTS:
             del self._cuts[next(iter(self._cuts))]
-        return replace(part, name=spec.name).shelved(key, self._finished)
+        return replace(part, name=spec.name).with_cache(key, self._finished)
 
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
@@ -102,7 +102,7 @@ class Waters:
             return None
         key = asked.coast.source, asked.coast.lakes
         if key not in self._lands:
-            land = shore.land(asked.coast.source, self._coastal, asked.coast.lakes)
+            land = shore.read_land(asked.coast.source, self._coastal, asked.coast.lakes)
             self._lands[key] = (
                 land,
                 shoreline.build_coast(land, self._coastal) if land.polygons.size else None,
@@ -128,7 +128,7 @@ class Waters:
 
 def divide(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Waters]:
     """Return the region of each case: neighbouring cases share one that is at most WIDEST."""
-    files = Files(memory.hold(datasets))
+    files = Files(memory.wrap_datasets(datasets))
     boxes: list[Box] = []
     number = []
     for case in cases:

@@ -170,7 +170,7 @@ def is_land(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> npt.NDArray
     return land.reshape(shape)
 
 
-def edges(coast: Coast) -> npt.NDArray[np.int32]:
+def shoreline_edges(coast: Coast) -> npt.NDArray[np.int32]:
     """Return the shoreline edges ordered by their `edge_id`, shape (m, 4)."""
     ordered = np.empty((int(coast.edge_id.max(initial=-1)) + 1, 4), np.int32)
     ordered[coast.edge_id] = coast.edge
@@ -231,7 +231,7 @@ def _nearest_points(
 ) -> list[tuple[float, float]]:
     """Return the nearest points [unit] on the `count` nearest edges."""
     lon, lat = sphere.to_binary(lon_deg), sphere.to_binary(lat_deg)
-    edge = edges(coast)
+    edge = shoreline_edges(coast)
     if not len(edge):
         return []
     squeeze = np.cos(np.deg2rad(lat_deg))

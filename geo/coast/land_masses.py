@@ -111,7 +111,7 @@ def _touching_pairs(land: LandMasses) -> Array:
 
 def _abutment_polygon(land: LandMasses, end: LonLat, number: int) -> int:
     """Return the polygon on which a bridge ends; raise UserError if no land is near."""
-    polygon, lon, lat, away = nearest(land, *end)
+    polygon, lon, lat, away = nearest_land(land, *end)
     if away > ABUTMENT:
         raise UserError(
             f"spill.bridges, number {number}: its end at {notation.position(*end)} lies {away / 1000:.1f} km from the "
@@ -126,7 +126,7 @@ def _connected_groups(count: int, pairs: Array) -> Ints:
     return np.asarray(csgraph.connected_components(links, directed=False)[1], np.int64)
 
 
-def nearest(land: LandMasses, lon: float, lat: float) -> tuple[int, float, float, float]:
+def nearest_land(land: LandMasses, lon: float, lat: float) -> tuple[int, float, float, float]:
     """Return (polygon, lon [deg], lat [deg], distance [m]) of the land nearest to a place.
 
     On land it is the place itself. There must be land.
@@ -142,7 +142,7 @@ def nearest(land: LandMasses, lon: float, lat: float) -> tuple[int, float, float
     return polygon, float(x / land.squeeze), float(y), float(away)
 
 
-def of_places(land: LandMasses, lon: Array, lat: Array) -> Ints:
+def mass_of_places(land: LandMasses, lon: Array, lat: Array) -> Ints:
     """Return the land mass nearest to each place [deg], shape (n,)."""
     lon = land.middle + sphere.wrap_degrees(np.asarray(lon) - land.middle)
     tree, polygon = land.sides
@@ -151,7 +151,7 @@ def of_places(land: LandMasses, lon: Array, lat: Array) -> Ints:
     )
 
 
-def of_stretches(land: LandMasses, coast: Coast, of_edge: Array, count: int) -> Ints:
+def mass_of_stretches(land: LandMasses, coast: Coast, of_edge: Array, count: int) -> Ints:
     """Return the land mass of each stretch of coast, shape (count,).
 
     It is SEVERAL if no land mass has at least the share MOST of the stretch's length.
@@ -162,7 +162,7 @@ def of_stretches(land: LandMasses, coast: Coast, of_edge: Array, count: int) -> 
         of_edge: stretch of every shoreline edge, shape (edges,).
         count: number of stretches.
     """
-    edge = shoreline.edges(coast)
+    edge = shoreline.shoreline_edges(coast)
     if not len(edge):
         return np.empty(0, np.int64)
     a, b = np.radians(edge * (360.0 / sphere.TURN)).reshape(-1, 2, 2).swapaxes(0, 1)
@@ -190,11 +190,11 @@ def _mass_of_edges(land: LandMasses, edge: Array) -> Ints:
     # longitude differences along the shorter arc
     half = (first[:, 2:] - first[:, :2]).astype(np.int32).astype(np.int64) // 2
     middle = (first[:, :2] + half) * (360.0 / sphere.TURN)
-    of_run = of_places(land, middle[:, 0], middle[:, 1])
+    of_run = mass_of_places(land, middle[:, 0], middle[:, 1])
     return np.asarray(of_run[np.cumsum(begins) - 1])
 
 
-def reaching_the_edge(land: LandMasses) -> frozenset[int]:
+def masses_at_edge(land: LandMasses) -> frozenset[int]:
     """Return the land masses that reach the edge of their box and may continue beyond it."""
     return frozenset(land.mass[_polygons_at_edge(land)].tolist())
 

@@ -30,7 +30,9 @@ TURNS = (-360.0, 0.0, 360.0)
 Plane = tuple[float, float]
 
 
-def distances(land: LandMasses, base: LonLat, places: Sequence[LonLat], reach: float) -> Real:
+def overland_distances(
+    land: LandMasses, base: LonLat, places: Sequence[LonLat], reach: float
+) -> Real:
     """Return distances [m] over land and bridges from a base to places, shape (n,).
 
     Args:

@@ -1,6 +1,6 @@
 """The shoreline cut into stretches: of a given length, or as named in a user's GeoJSON.
 
-A stretch is a set of whole shoreline edges (geo.coast.edges.edges), which are never split. The
+A stretch is a set of whole shoreline edges (geo.coast.edges.shoreline_edges), which are never split. The
 shoreline between two landmarks is cut into equal lengths, as far as edges allow. Landmarks depend
 only on the shore around them. So a coast has the same stretches in every domain, except near where
 the domain's edge cuts it. Rings shorter than half a stretch, and pieces as short that a box or a
@@ -78,11 +78,13 @@ def cut_coast(coast: Coast, length: float = 10_000.0) -> Segments:
         coast: to cut.
         length: of a stretch, approximately [m]; the stretches of a chain are equally long.
     """
-    edge = shoreline.edges(coast)
+    edge = shoreline.shoreline_edges(coast)
     return _build_segments(coast, edge, np.full(len(edge), -1), [], length)
 
 
-def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) -> Segments:
+def read_named_segments(
+    coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0
+) -> Segments:
     """Return the stretches of a user's GeoJSON in file order, then the rest of the coast.
 
     A polygon takes the edges with midpoints inside; a line takes those within NEAR of it, except
@@ -99,7 +101,7 @@ def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) ->
         UserError: the file cannot be used, or a feature has no shoreline.
     """
     features = _read_features(Path(path))
-    edge = shoreline.edges(coast)
+    edge = shoreline.shoreline_edges(coast)
     lon, lat = _edge_midpoints(edge)
     owner, nearest_distance = np.full(len(edge), -1), np.full(len(edge), np.inf)
     for number, feature in enumerate(features):
@@ -117,12 +119,14 @@ def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) ->
     return _build_segments(coast, edge, owner, features, rest)
 
 
-def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) -> tuple[int, float]:
+def nearest_segment(
+    segments: Segments, coast: Coast, lon_deg: float, lat_deg: float
+) -> tuple[int, float]:
     """Return (segment, distance [m]) of the shoreline nearest to a point.
 
     (-1, inf) if there is no coast.
     """
-    edge = shoreline.edges(coast)
+    edge = shoreline.shoreline_edges(coast)
     if not len(edge):
         return -1, np.inf
     lon, lat = int(sphere.to_binary(lon_deg)), int(sphere.to_binary(lat_deg))
@@ -142,7 +146,7 @@ def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) ->
     return int(segments.of_edge[near[best]]), float(distance[best])
 
 
-def placed(segments: Segments, text: str) -> int | None:
+def segment_of_id(segments: Segments, text: str) -> int | None:
     """Return the stretch with an id, or, if another domain has cut this coast, the one there.
 
     None if the text is no id, or if its position is farther than NEAR from any stretch.
@@ -477,7 +481,7 @@ def _read_features(path: Path) -> list[_Feature]:
     """Return the features of a GeoJSON file; raise UserError unless all are named and usable."""
     needed = "give a GeoJSON file of lines or polygons, each with a name"
     try:
-        content = json.loads(file.contents(path).decode("utf-8-sig"))
+        content = json.loads(file.read_small_file(path).decode("utf-8-sig"))
     except FileNotFoundError:
         raise UserError(f'segments "{path}": no such file; {needed}') from None
     except OSError as error:

@@ -73,7 +73,7 @@ class _Contents:
     label: str
 
 
-def land(
+def read_land(
     source: str | os.PathLike[str], box: Box, lakes: bool | str | os.PathLike[str] = False
 ) -> Shore:
     """Return the land in a box.
@@ -118,7 +118,9 @@ def land(
     return Shore(polygons, origin, notes, cut)
 
 
-def whole(source: str | os.PathLike[str], lakes: bool | str | os.PathLike[str] = False) -> Polygons:
+def read_whole_land(
+    source: str | os.PathLike[str], lakes: bool | str | os.PathLike[str] = False
+) -> Polygons:
     """Return the uncut land polygons of a source, for the whole Earth; arguments as in `land`.
 
     A file of lakes is ignored. GSHHG takes a second.
@@ -226,7 +228,7 @@ def clip(polygons: Polygons, box: Box) -> Polygons:
     )
 
 
-def thinned(shore: Shore) -> Shore:
+def thin_shore(shore: Shore) -> Shore:
     """Return land for a preview, not for a run.
 
     In a vast box, islets are left out, and a vertex is kept every few kilometres: shores are off by

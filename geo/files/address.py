@@ -107,7 +107,7 @@ class Line:
 
         Any error inside ends the process, because its answer may still be pending.
         """
-        with waiting.turn(self._lock):
+        with waiting.hold_lock(self._lock):
             try:
                 yield
             except Refused as error:

@@ -131,7 +131,7 @@ def _retry(ask: Callable[[], Any], timeout: float) -> Any:
     while True:
         try:
             return ask()
-        except web.Passing:
+        except web.TemporaryError:
             if time.monotonic() + pause > until:
                 raise
             time.sleep(pause)

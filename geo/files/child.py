@@ -100,7 +100,7 @@ class Child:
         """
         until = time.monotonic() + timeout
         while True:
-            waiting.heed()
+            waiting.check_wait()
             left = until - time.monotonic()
             try:
                 answer = self._answers.get(timeout=max(min(waiting.POLL, left), 0.0))

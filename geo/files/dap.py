@@ -45,7 +45,7 @@ def grids(address: str, timeout: float) -> frozenset[str]:
     Values of a Grid must be requested by the array's name, otherwise its axes are sent as well.
     Raises UserError or web.Passing.
     """
-    structure = web.get(f"{address}.dds", timeout, STRUCTURE).decode("utf-8", "replace")
+    structure = web.get_address(f"{address}.dds", timeout, STRUCTURE).decode("utf-8", "replace")
     if not structure.lstrip().startswith("Dataset"):
         raise UserError(
             f'"{address}" answers, but not as OPeNDAP does: it may be another kind of server'
@@ -74,7 +74,7 @@ def read_variable(
         return np.empty(shape, dtype)
     constraint = name + "".join(f"[{s.start}:{s.step or 1}:{s.stop - 1}]" for s in parts)
     most = STRUCTURE + max(dtype.itemsize, 4) * math.prod(shape)
-    content = web.get(f"{address}.dods?{quote(constraint, safe='.,')}", timeout, most)
+    content = web.get_address(f"{address}.dods?{quote(constraint, safe='.,')}", timeout, most)
     return _decode_answer(content, shape, dtype, f"{name} of {address}")
 
 
@@ -85,7 +85,7 @@ def _decode_answer(
     structure, mark, values = content.partition(b"\nData:\n")
     if not mark:
         excerpt = " ".join(content[:200].decode("ascii", "replace").split())
-        raise web.Passing(f"in place of {what} came: {excerpt or 'nothing'}")
+        raise web.TemporaryError(f"in place of {what} came: {excerpt or 'nothing'}")
     match = ANSWER.fullmatch(structure.decode("utf-8", "replace"))
     if (
         match is None
@@ -97,10 +97,10 @@ def _decode_answer(
         )
     ):
         excerpt = " ".join(structure[-200:].decode("ascii", "replace").split())
-        raise web.Passing(f"in place of {what} came other values: {excerpt}")
+        raise web.TemporaryError(f"in place of {what} came other values: {excerpt}")
     count, start = math.prod(shape), 8 if shape else 0  # a scalar has no length before it
     size = start + (-(-count // 4) * 4 if dtype.itemsize == 1 else count * max(dtype.itemsize, 4))
     if len(values) != size or not (np.frombuffer(values[:start], ">u4") == count).all():
-        raise web.Passing(f"{what} came with {len(values):,} bytes in place of {size:,}")
+        raise web.TemporaryError(f"{what} came with {len(values):,} bytes in place of {size:,}")
     wire = dtype.newbyteorder(">") if dtype.itemsize != 2 else np.dtype(f">{dtype.kind}4")
     return np.frombuffer(values, wire, count, start).astype(dtype).reshape(shape)

@@ -28,7 +28,7 @@ LIBRARIES = {"cftime", "dask", "fsspec", "netCDF4", "numcodecs", "xarray", "zarr
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 
-def remote(path: str) -> bool:
+def is_remote(path: str) -> bool:
     """Return True if a path is an address (OPeNDAP) and not a file."""
     return path.startswith(("http://", "https://", "dods://", "s3://", "gs://"))
 
@@ -46,7 +46,7 @@ def expand(paths: Paths, quantity: str) -> list[str]:
     listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     expanded: list[str] = []
     for path in (os.path.expanduser(os.fspath(p)) for p in listed):
-        if remote(path) or os.path.exists(path):
+        if is_remote(path) or os.path.exists(path):
             expanded.append(path)
         elif glob.has_magic(path):
             matches = sorted(glob.glob(path, recursive=True))
@@ -65,7 +65,7 @@ def expand(paths: Paths, quantity: str) -> list[str]:
 
 def key(path: str, quantity: str) -> str:
     """Return the key of a case in which a user can correct a path."""
-    if remote(path):
+    if is_remote(path):
         return f"[[{quantity}]] files or timeout"
     return f"[[{quantity}]] {'dataset' if path.startswith('dataset ') else 'files'}"
 
@@ -91,12 +91,14 @@ def open_one(
         UserError: the path cannot be opened.
     """
     where = mend or f"set {key(path, quantity)}"
-    if remote(path):
+    if is_remote(path):
         fence.check_address(path)
     else:
         fence.check_store(path)
     is_zarr = os.path.isdir(path)
-    if not remote(path) and not is_zarr and not os.path.isfile(path):  # reading a pipe could hang
+    if (
+        not is_remote(path) and not is_zarr and not os.path.isfile(path)
+    ):  # reading a pipe could hang
         raise UserError(f'"{path}" is neither a file nor a folder; {where}')
     if is_zarr and not zarr_store.is_store(path):
         raise UserError(f'"{path}" is a folder, not a netCDF file or a Zarr store; {where}')
@@ -104,7 +106,7 @@ def open_one(
         with warnings.catch_warnings():
             # harmless warnings: of several fill values (xarray), of consolidation (Zarr)
             warnings.simplefilter("ignore")
-            if remote(path):
+            if is_remote(path):
                 return address.open_dataset(path, timeout)
             if not is_zarr and messages.is_grib(path):
                 return grib.open_file(path)
@@ -115,7 +117,7 @@ def open_one(
         raise UserError(f"{error}; {where}") from error
     except Exception as error:
         # backends raise OSError, ValueError, KeyError, RuntimeError and their own
-        if remote(path):
+        if is_remote(path):
             raise UserError(
                 f'cannot open the address "{path}" ({_one_line(error)}); {where}'
             ) from error
@@ -192,7 +194,7 @@ def _reason(path: str, error: Exception) -> str:
 
 
 @contextmanager
-def readable(paths: Paths, quantity: str, mend: str = "") -> Iterator[None]:
+def reporting_damage(paths: Paths, quantity: str, mend: str = "") -> Iterator[None]:
     """Convert the errors that libraries raise for a damaged file into one UserError with its path.
 
     Headers are read when a file is opened, attributes and coordinates later; each may be damaged.
@@ -242,7 +244,7 @@ def fingerprint(paths: Sequence[str], datasets: Sequence[xr.Dataset], extra: str
     """
     total = hashlib.sha256(extra.encode())
     for path, data in zip(paths, datasets, strict=True):
-        if remote(path):
+        if is_remote(path):
             total.update(repr(data).encode())
             for name in sorted(map(str, data.variables)):
                 if data[name].ndim == 1 and data[name].size < 100_000:

@@ -111,7 +111,7 @@ _child: Child | None = None
 
 def _ask(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
     """Return the process' answer about a message, and the bytes that go with it."""
-    with waiting.turn(_lock):
+    with waiting.hold_lock(_lock):
         try:
             reply, data = _ask_child(what, message)
         except BaseException:

@@ -40,7 +40,7 @@ def fence_text(fence: Fence) -> str:
     return json.dumps({"folders": folders, "hosts": sorted(fence.hosts), "writable": writable})
 
 
-def raised() -> Fence | None:
+def current_fence() -> Fence | None:
     """Return the fence of this process, None for none; an invalid one allows nothing."""
     written = os.environ.get(NAME)
     if written is None:
@@ -55,14 +55,14 @@ def raised() -> Fence | None:
 
 def check(path: str | os.PathLike[str]) -> None:
     """Raise UserError unless a file or folder may be read, with all links resolved."""
-    fence = raised()
+    fence = current_fence()
     if fence is not None and not _inside(fence, os.path.realpath(path)):
         raise _outside_error(path)
 
 
 def check_open(handle: int, path: str | os.PathLike[str]) -> None:
     """Raise UserError unless an open file may be read: it cannot be exchanged any more."""
-    fence = raised()
+    fence = current_fence()
     if fence is None:
         return
     real = os.path.realpath(path)
@@ -74,7 +74,7 @@ def check_open(handle: int, path: str | os.PathLike[str]) -> None:
 
 def check_store(folder: str) -> None:
     """Raise UserError unless a file, or a folder (Zarr) with all links in it, may be read."""
-    if raised() is None:
+    if current_fence() is None:
         return
     check(folder)
     for place, folders, files in os.walk(folder):
@@ -89,7 +89,7 @@ def check_store(folder: str) -> None:
 
 def check_pattern(pattern: str) -> None:
     """Raise UserError if a path or pattern could lead outside, before it is searched for."""
-    if raised() is None:
+    if current_fence() is None:
         return
     parts = Path(pattern).parts
     plain = next((k for k, part in enumerate(parts) if re.search(r"[*?\[]", part)), len(parts))
@@ -100,7 +100,7 @@ def check_pattern(pattern: str) -> None:
 
 def check_variable(name: str) -> None:
     """Raise UserError unless paths may use an environment variable."""
-    if raised() is not None and name not in VARIABLES:
+    if current_fence() is not None and name not in VARIABLES:
         raise UserError(
             f"the environment variable {name} may not be used here; allowed: {', '.join(sorted(VARIABLES))}"
         )
@@ -108,7 +108,7 @@ def check_variable(name: str) -> None:
 
 def check_address(address: str) -> None:
     """Raise UserError unless requests may be sent to an address."""
-    fence = raised()
+    fence = current_fence()
     if fence is None:
         return
     scheme, _, rest = address.partition("://")
@@ -132,7 +132,7 @@ def check_address(address: str) -> None:
 
 def check_program(name: str) -> None:
     """Raise UserError unless a program named in a case may be run."""
-    if raised() is not None:
+    if current_fence() is not None:
         raise UserError(
             f'"{name}" is a program, and programs in a case are not run here; run the case with drift run'
         )
@@ -140,7 +140,7 @@ def check_program(name: str) -> None:
 
 def check_crs(written: object) -> None:
     """Raise UserError if a reference system in a case or file would make PROJ open a file."""
-    if raised() is not None and re.search(
+    if current_fence() is not None and re.search(
         r"[/\\]|init|grids|file|catalog", str(written), re.IGNORECASE
     ):
         raise UserError(

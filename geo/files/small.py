@@ -13,7 +13,7 @@ from geo.files import fence
 LARGEST = 64 * 2**20  # [bytes]
 
 
-def contents(path: Path, largest: int = LARGEST) -> bytes:
+def read_small_file(path: Path, largest: int = LARGEST) -> bytes:
     """Return the bytes of a file.
 
     Args:

@@ -25,11 +25,11 @@ BLOCK = 2**16  # [bytes] read at once
 SAFE = ("127.0.0.1", "localhost", "::1")  # hosts to which a password may be sent unencrypted
 
 
-class Passing(Exception):
+class TemporaryError(Exception):
     """A temporary failure: the server is down, slow, or sent an incomplete answer."""
 
 
-def get(address: str, timeout: float, most: int) -> bytes:
+def get_address(address: str, timeout: float, most: int) -> bytes:
     """Return the complete answer of an address.
 
     Args:
@@ -54,11 +54,11 @@ def get(address: str, timeout: float, most: int) -> bytes:
                     f'"{address}" sends more than the {most:,} bytes that this can have'
                 )
             if time.monotonic() > until:
-                raise Passing(
+                raise TemporaryError(
                     f'"{address}" sends too slowly: {len(content):,} bytes in {10 * timeout:g} s'
                 )
     if length is not None and length.isdecimal() and len(content) != int(length):
-        raise Passing(
+        raise TemporaryError(
             f'"{address}" sent an incomplete answer: {len(content):,} of {int(length):,} bytes'
         )
     if content[:512].lstrip().lower().startswith((b"<!doctype html", b"<html")):
@@ -81,22 +81,22 @@ def _open_answer(address: str, timeout: float) -> Iterator[Any]:
         error.close()
         raise _status_error(address, error.code, error.reason) from None
     except TimeoutError:
-        raise Passing(f'"{address}" did not answer for {timeout:g} s') from None
+        raise TemporaryError(f'"{address}" did not answer for {timeout:g} s') from None
     except urllib.error.URLError as error:
         if isinstance(error.reason, TimeoutError):
-            raise Passing(f'"{address}" did not answer for {timeout:g} s') from None
+            raise TemporaryError(f'"{address}" did not answer for {timeout:g} s') from None
         if isinstance(error.reason, socket.gaierror) and error.reason.errno in NO_NAME:
             host = urlsplit(request.full_url).hostname
             raise UserError(
                 f'"{address}": no host is named {host}, or this computer is offline'
             ) from None
-        raise Passing(f'"{address}" cannot be reached ({error.reason})') from None
+        raise TemporaryError(f'"{address}" cannot be reached ({error.reason})') from None
     except http.client.IncompleteRead as error:
-        raise Passing(
+        raise TemporaryError(
             f'"{address}" sent an incomplete answer: {len(error.partial):,} bytes, then no more'
         ) from None
     except (OSError, http.client.HTTPException, ValueError) as error:
-        raise Passing(f'"{address}" broke off ({error or type(error).__name__})') from None
+        raise TemporaryError(f'"{address}" broke off ({error or type(error).__name__})') from None
 
 
 class _Redirects(urllib.request.HTTPRedirectHandler):
@@ -132,7 +132,7 @@ def _status_error(address: str, status: int, reason: str) -> Exception:
             f'"{address}" rejects the request as too large (413): ask for a smaller box or a shorter span'
         )
     if status == 429 or status >= 500:
-        return Passing(f'"{address}" failed ({status} {reason})')
+        return TemporaryError(f'"{address}" failed ({status} {reason})')
     return UserError(f'"{address}" rejects the request ({status} {reason})')
 
 

@@ -10,7 +10,7 @@ from geo.box import Box
 from geo.errors import UserError
 from geo.files import address, dataset
 from geo.forcing import quantities, sources
-from geo.forcing.quantity import QUANTITIES, any_of
+from geo.forcing.quantity import QUANTITIES, list_quantities
 from geo.forcing.sources import Source
 
 ARROWS = "→↗↑↖←↙↓↘"  # from east, counterclockwise, 45 degrees each
@@ -18,7 +18,7 @@ LOOKED_AT = 1000  # sources with more slices than this are not searched for blan
 LAND, CALM = "·", "○"
 
 
-def understand(paths: dataset.Paths, only: str | None = None, **options: Any) -> list[Source]:
+def open_quantities(paths: dataset.Paths, only: str | None = None, **options: Any) -> list[Source]:
     """Return one source for every quantity that the files hold.
 
     Args:
@@ -36,9 +36,9 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     # The process that reads an address ends with the last of its datasets. Keeping these references
     # lets one process serve all reads below.
     _open_addresses = [
-        dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)
+        dataset.open_one(p, "current", patience) for p in listed if dataset.is_remote(p)
     ]
-    with dataset.readable(listed, "current"):
+    with dataset.reporting_damage(listed, "current"):
         files_of = (
             {only: listed}
             if only
@@ -48,7 +48,7 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     if not files_of and any(own):
         raise UserError(
             f"{dataset.title(listed)}: nothing says whether {' and '.join(filter(None, own))} are "
-            f"{any_of('a ')}; say which: --as"
+            f"{list_quantities('a ')}; say which: --as"
         )
     for quantity in QUANTITIES:
         if files_of and quantity not in files_of:
@@ -57,9 +57,11 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
             found = sources.open_source(
                 quantity, files_of.get(quantity, listed), lenient=True, **options
             )
-            if found.times.size <= LOOKED_AT and not any(dataset.remote(path) for path in listed):
+            if found.times.size <= LOOKED_AT and not any(
+                dataset.is_remote(path) for path in listed
+            ):
                 found = (
-                    found.without_blank(found.times[0], found.times[-1])
+                    found.without_blank_slices(found.times[0], found.times[-1])
                     if found.times.size
                     else found
                 )
@@ -69,7 +71,7 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     if not files_of:
         halves = [e for e in errors.values() if "one component" in str(e)]
         why = (halves or [errors["current"]])[0]
-        raise UserError(f"no {any_of()} found: {why}") from why
+        raise UserError(f"no {list_quantities()} found: {why}") from why
     if not understood:
         raise next(iter(errors.values()))
     return understood
@@ -170,7 +172,7 @@ def _describe_times(source: Source) -> str:
     if len(times) == 0:
         return "steady: at all times"
     if len(times) == 1:
-        return f"{notation.group(times[0])} only"
+        return f"{notation.format_dtg(times[0])} only"
     steps = np.unique(np.diff(times).astype("m8[m]").astype(int))
     spacing = (
         f"every {_format_interval(steps[0])}"
@@ -178,11 +180,11 @@ def _describe_times(source: Source) -> str:
         else f"{_format_interval(steps[0])} to {_format_interval(steps[-1])} apart"
     )
     hold_text = (
-        f", held from {notation.group(source.times[0])} to {notation.group(source.times[-1])}"
+        f", held from {notation.format_dtg(source.times[0])} to {notation.format_dtg(source.times[-1])}"
         if source.edges
         else ""
     )
-    return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {spacing}{hold_text}"
+    return f"{notation.format_dtg(times[0])} to {notation.format_dtg(times[-1])}, {len(times)} slices {spacing}{hold_text}"
 
 
 def _format_interval(minutes: int) -> str:

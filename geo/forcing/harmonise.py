@@ -178,7 +178,7 @@ def _kind_of_dim(data: xr.Dataset, dim: str) -> str | None:
         or dim in clock.NAMES
     ):
         return "time"
-    if members.named(data, dim):
+    if members.is_member_dim(data, dim):
         return "member"
     return "level" if level.is_vertical(data, dim) else component.axis_of(data, dim)
 
@@ -191,7 +191,7 @@ def _convert_units(
     if pair[0].lower() == pair[1].lower():
         return data
     try:
-        factors = [speed.factor(units) for units in pair]
+        factors = [speed.factor_to_mps(units) for units in pair]
     except UserError:
         return data
     ratio, variable = factors[1] / factors[0], data.variables[name]

@@ -15,20 +15,22 @@ _NAMED = re.compile(
 )
 
 
-def named(data: xr.Dataset, dim: str) -> bool:
+def is_member_dim(data: xr.Dataset, dim: str) -> bool:
     """Return True if a dimension's name or standard name says that it numbers members."""
     standard_name = data[dim].attrs.get("standard_name", "") if dim in data.variables else ""
     return str(standard_name) == "realization" or bool(_NAMED.match(dim))
 
 
-def along(data: xr.Dataset, dims: Iterable[str], wanted: bool | str) -> str | None:
+def member_dim(data: xr.Dataset, dims: Iterable[str], wanted: bool | str) -> str | None:
     """Return the dimension along which members lie, among `dims`; None if there is none.
 
     wanted: name of the dimension, or True to search for it.
     """
     if isinstance(wanted, str):
         return wanted if wanted in dims else None
-    return next((dim for dim in dims if wanted and data.sizes[dim] > 1 and named(data, dim)), None)
+    return next(
+        (dim for dim in dims if wanted and data.sizes[dim] > 1 and is_member_dim(data, dim)), None
+    )
 
 
 def lie_in(data: xr.Dataset) -> bool:
@@ -36,7 +38,7 @@ def lie_in(data: xr.Dataset) -> bool:
     fields = (
         v for v in data.data_vars.values() if v.ndim > 2 and np.issubdtype(v.dtype, np.number)
     )
-    return any(along(data, map(str, v.dims), True) is not None for v in fields)
+    return any(member_dim(data, map(str, v.dims), True) is not None for v in fields)
 
 
 def labels(data: xr.Dataset, dim: str) -> tuple[str, ...]:

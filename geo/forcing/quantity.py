@@ -72,12 +72,12 @@ QUANTITIES = {
 }
 
 
-def needed() -> tuple[str, ...]:
+def required_quantities() -> tuple[str, ...]:
     """Return the quantities whose absence makes the drift unknown."""
     return tuple(name for name, quantity in QUANTITIES.items() if quantity.needed)
 
 
-def any_of(article: str = "") -> str:
+def list_quantities(article: str = "") -> str:
     """Return all quantities as text, each after an article: "a current, a wind or a ..."."""
     names = [f"{article}{quantity.spoken}" for quantity in QUANTITIES.values()]
     return f"{', '.join(names[:-1])} or {names[-1]}"

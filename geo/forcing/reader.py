@@ -75,7 +75,7 @@ class Opened:
     """An opened source before a box is cut out of it: everything that no case's area affects."""
 
     request: Request
-    paths: dataset.Paths | memory.Held
+    paths: dataset.Paths | memory.NamedDataset
     files: list[tuple[str, xr.Dataset]]
     pair: quantities.Pair
     components: tuple[Component, Component]
@@ -89,7 +89,7 @@ class Opened:
     edges: bool = False  # the first and the last time are edges of means, which hold there
 
 
-def open_reader(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
+def open_reader(request: Request, paths: dataset.Paths | memory.NamedDataset) -> Reading:
     """Open files or a dataset in memory, and return how to read the quantity over the box."""
     opened = open_all(request, paths)
     reading = cut_source(opened, request.box)
@@ -103,7 +103,7 @@ def open_reader(request: Request, paths: dataset.Paths | memory.Held) -> Reading
     return replace(reading, fingerprint=digest)
 
 
-def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
+def open_all(request: Request, paths: dataset.Paths | memory.NamedDataset) -> Opened:
     """Open files or a dataset in memory, find the quantity, and survey its values.
 
     Args:
@@ -125,9 +125,9 @@ def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
 
 
 def _open_files(
-    request: Request, paths: dataset.Paths | memory.Held
+    request: Request, paths: dataset.Paths | memory.NamedDataset
 ) -> list[tuple[str, xr.Dataset]]:
-    if isinstance(paths, memory.Held):
+    if isinstance(paths, memory.NamedDataset):
         return [(paths.title, memory.as_stored(paths))]
     q = request.quantity
     return [(path, dataset.open_one(path, q, request.timeout)) for path in dataset.expand(paths, q)]
@@ -161,7 +161,9 @@ def _members_along_dim(opened: Opened) -> Opened:
 
 
 def _members_by_entry(
-    request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]
+    request: Request,
+    paths: dataset.Paths | memory.NamedDataset,
+    files: list[tuple[str, xr.Dataset]],
 ) -> Opened:
     """Return an ensemble of which each entry of `request.entries` is a member."""
     if len(request.entries) < 2:
@@ -170,7 +172,7 @@ def _members_by_entry(
     all_opened: list[Opened] = []
     datasets = dict(files)
     for number, entry in enumerate(request.entries):
-        with _naming_member(number, labels), dataset.readable(entry, request.quantity):
+        with _naming_member(number, labels), dataset.reporting_damage(entry, request.quantity):
             own = [
                 (
                     path,
@@ -267,7 +269,9 @@ def _no_members_message(request: Request, files: list[tuple[str, xr.Dataset]]) -
 
 
 def _open_single(
-    request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]
+    request: Request,
+    paths: dataset.Paths | memory.NamedDataset,
+    files: list[tuple[str, xr.Dataset]],
 ) -> Opened:
     q = request.quantity
     notes: list[str] = []
@@ -333,7 +337,7 @@ def cut_source(opened: Opened, box: Box | None) -> Reading:
     crops = [layout.crop(c.layout, wanted) for c in (first, second)]
     if crops[0] is None or crops[1] is None:
         raise UserError(_no_overlap_message(request, first.layout))
-    regridded = tile.make((first, second), (crops[0], crops[1]), opened.pair.axes, wanted)
+    regridded = tile.build_tile((first, second), (crops[0], crops[1]), opened.pair.axes, wanted)
     seen = tile.examine(regridded, opened.count, surveyed)
     if seen.missing == 1.0 and seen.empty:
         inside = " in the case's area" if box is not None else ""
@@ -373,7 +377,9 @@ def _blank_finder(tiles: Sequence[tile.Tile]) -> Callable[[Sequence[int]], list[
 
     def find(indices: Sequence[int]) -> list[int]:
         unknown = [i for i in indices if i not in known]
-        found = {i for regridded in tiles for i in blank.find(regridded, unknown, indices)}
+        found = {
+            i for regridded in tiles for i in blank.find_blank_slices(regridded, unknown, indices)
+        }
         known.update((i, i in found) for i in unknown)
         return [i for i in indices if known[i]]
 
@@ -432,14 +438,14 @@ def keep(opened: Opened, box: Box) -> Opened:
 
 def _fingerprint(
     request: Request,
-    paths: dataset.Paths | memory.Held,
+    paths: dataset.Paths | memory.NamedDataset,
     files: list[tuple[str, xr.Dataset]],
     pair: quantities.Pair,
     time: str | None,
     extra: str,
 ) -> str:
     """Return a short hash of the files' bytes, or of the values of a dataset in memory."""
-    if not isinstance(paths, memory.Held):
+    if not isinstance(paths, memory.NamedDataset):
         return dataset.fingerprint([p for p, _ in files], [d for _, d in files], extra)
     used = {pair.east, pair.north, *map(str, request.variables.values())}
     for name in (pair.east, pair.north):
@@ -532,7 +538,7 @@ def _gather_components(
         holding = [(p, _with_grid_variables(d, lent)) for p, d in holding]
     holding = [(path, _apply_validity(request, pair, data, notes)) for path, data in holding]
     holding = harmonise.align_grids(holding, (pair.east, pair.north), request.units, notes)
-    stated = request.steady or clock.replaces(request.times)
+    stated = request.steady or clock.states_times(request.times)
     result = []
     for side, name in enumerate((pair.east, pair.north)):
         having = [(path, data) for path, data in holding if name in data.variables]
@@ -599,7 +605,7 @@ def _join_times(
         if len(first.segments) > 1:
             notes.append(f"steady: the first of {len(first.segments)} slices stands for all times")
         return first, second, none
-    if clock.replaces(request.times):
+    if clock.states_times(request.times):
         if len(first.segments) != len(second.segments):
             raise UserError(
                 f"{request.name}: {first.name} and {second.name} have different numbers of slices, "
@@ -628,7 +634,7 @@ def _join_times(
     if len(times) == 1:
         if not request.lenient:
             raise UserError(
-                f"{request.name}: one time only, {notation.group(times[0])}, which cannot be interpolated in time; "
+                f"{request.name}: one time only, {notation.format_dtg(times[0])}, which cannot be interpolated in time; "
                 f"set [[{q}]] steady = true to hold it constant, or name files of other times in [[{q}]] files"
             )
         notes.append("one time only: a run needs steady = true, or files of other times")
@@ -640,7 +646,7 @@ def _join_times(
 
 
 def _format_span(times: clock.Times) -> str:
-    return f"{notation.group(times[0])} to {notation.group(times[-1])}"
+    return f"{notation.format_dtg(times[0])} to {notation.format_dtg(times[-1])}"
 
 
 def _apply_stated_times(
@@ -676,7 +682,7 @@ def _add_edge_times(
     """
     if first.cells is None or second.cells is None or len(times) < 2:
         return first, second, times, False
-    times, index = averages.held(times, first.cells)
+    times, index = averages.add_interval_edges(times, first.cells)
     return _select_slices(first, index), _select_slices(second, index), times, True
 
 
@@ -693,7 +699,7 @@ def _no_overlap_message(request: Request, item: Layout) -> str:
             np.inf,
         )
     )
-    where = notation.toward(x, y, float(lon.flat[near]), float(lat.flat[near]))
+    where = notation.distance_and_direction(x, y, float(lon.flat[near]), float(lat.flat[near]))
     return (
         f"{request.name} covers {_format_extent(lon, lat)} and the case needs {box.west:.2f} to {box.east:.2f} E, "
         f"{box.south:.2f} to {box.north:.2f} N: no overlap; from the middle of that it is {where} to the nearest "

@@ -23,14 +23,14 @@ from geo.forcing import members as called
 from geo.forcing import reader
 from geo.forcing.quantity import QUANTITIES
 from geo.forcing.reading import memory
-from geo.forcing.reading.kept import Finished, Shelf
+from geo.forcing.reading.kept import Shelf, SliceCache
 from geo.grids.grid import Grid
 
 # grid with the globe in one cell, for fields that are uniform
 EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)
 # with meridians 0.5 degrees apart, interpolated directions err by (0.5 degrees)^2 / 8 = 1e-5
 ABOUT_POLE = Grid(-180.0, -90.0, 0.5, 180.0, 721, 2)
-DOUBT = "WARNING: "  # start of a note that the user must see
+WARNING_PREFIX = "WARNING: "  # start of a note that the user must see
 MOST_NODES = 1_000_000  # largest number of grid nodes for a built-in flow
 
 
@@ -73,7 +73,7 @@ class Source:
         """All members of the ensemble, this one first; only this one if it is no ensemble."""
         return (self, *self.others)
 
-    def shelved(self, part: Hashable, finished: Finished) -> "Source":
+    def with_cache(self, part: Hashable, finished: SliceCache) -> "Source":
         """Return the source with a cache for its slices and for those of each other member."""
         others = tuple(
             replace(other, shelf=Shelf((part, number), finished))
@@ -81,7 +81,7 @@ class Source:
         )
         return replace(self, shelf=Shelf(part, finished), others=others)
 
-    def without_blank(self, first: np.datetime64, last: np.datetime64) -> "Source":
+    def without_blank_slices(self, first: np.datetime64, last: np.datetime64) -> "Source":
         """Return the source without blank slices, so that time interpolation skips them.
 
         A note lists them. If all slices between the two times are blank, the source is returned
@@ -104,9 +104,9 @@ class Source:
         kept = np.delete(np.arange(self.times.size), empty)
         if not empty or len(empty) == len(examined) or kept.size < 2:
             return self
-        when = [notation.group(self.times[i]) for i in empty]
+        when = [notation.format_dtg(self.times[i]) for i in empty]
         times_text = f"{', '.join(when[:4])}{f' and {len(when) - 4} more' if len(when) > 4 else ''}"
-        note = f"{DOUBT}{'slices' if len(when) > 1 else 'the slice'} of {times_text} hold{'s' * (len(when) == 1)} no value here"
+        note = f"{WARNING_PREFIX}{'slices' if len(when) > 1 else 'the slice'} of {times_text} hold{'s' * (len(when) == 1)} no value here"
         return replace(
             self._select_slices(kept, empty),
             notes=(*self.notes, f"{note}: left out and interpolated over"),
@@ -129,7 +129,7 @@ class Source:
         )
 
 
-def ensemble(members: Sequence[Source]) -> Source:
+def combine_members(members: Sequence[Source]) -> Source:
     """Return sources of one quantity, each with a label, combined into an ensemble.
 
     Raises UserError if their grids or times differ.
@@ -151,7 +151,7 @@ def ensemble(members: Sequence[Source]) -> Source:
 
 def open_source(
     quantity: str,
-    paths: dataset.Paths | memory.Held,
+    paths: dataset.Paths | memory.NamedDataset,
     *,
     variables: Mapping[str, Any] | None = None,
     units: str | None = None,
@@ -208,14 +208,14 @@ def open_source(
         members,
         tuple(map(tuple, entries)),
     )
-    with dataset.readable(_paths_or_title(listed), quantity):
+    with dataset.reporting_damage(_paths_or_title(listed), quantity):
         reading = reader.open_reader(request, listed)
     return _build_source(request, name, reading)
 
 
 def open_shared(
     quantity: str,
-    paths: dataset.Paths | memory.Held,
+    paths: dataset.Paths | memory.NamedDataset,
     *,
     variables: Mapping[str, Any] | None = None,
     units: str | None = None,
@@ -246,7 +246,7 @@ def open_shared(
         members,
         tuple(map(tuple, entries)),
     )
-    with dataset.readable(_paths_or_title(listed), quantity):
+    with dataset.reporting_damage(_paths_or_title(listed), quantity):
         return reader.open_all(request, listed)
 
 
@@ -260,20 +260,20 @@ def part_of_source(opened: reader.Opened, box: Box, name: str | None = None) -> 
 
     Only its fingerprint is missing.
     """
-    with dataset.readable(_paths_or_title(opened.paths), opened.request.quantity):
+    with dataset.reporting_damage(_paths_or_title(opened.paths), opened.request.quantity):
         return _build_source(opened.request, name, reader.cut_source(opened, box))
 
 
 def _build_request(
     quantity: str,
-    paths: dataset.Paths | memory.Held,
+    paths: dataset.Paths | memory.NamedDataset,
     variables: Mapping[str, Any] | None,
     *how: Any,
 ) -> tuple[reader.Request, Any]:
     """Return the reader's request, and the paths as a list or the dataset in memory."""
     if quantity not in QUANTITIES:
         raise UserError(f'quantity "{quantity}": allowed are {", ".join(QUANTITIES)}')
-    if isinstance(paths, memory.Held):
+    if isinstance(paths, memory.NamedDataset):
         return reader.Request(quantity, paths.name, variables or {}, *how), paths
     listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     return reader.Request(quantity, dataset.title(listed), variables or {}, *how), listed
@@ -281,7 +281,7 @@ def _build_request(
 
 def _paths_or_title(paths: Any) -> Any:
     """Return the paths, or the title of the dataset in memory, for messages."""
-    return [paths.title] if isinstance(paths, memory.Held) else paths
+    return [paths.title] if isinstance(paths, memory.NamedDataset) else paths
 
 
 def _build_source(request: reader.Request, name: str | None, reading: reader.Reading) -> Source:
@@ -305,7 +305,7 @@ def _build_source(request: reader.Request, name: str | None, reading: reader.Rea
     )
 
 
-def constant(
+def constant_field(
     quantity: str,
     east: float,
     north: float,
@@ -377,7 +377,7 @@ def _build_uniform(
         return np.ascontiguousarray(np.broadcast_to(row.astype(np.float32), (2, *row.shape)))
 
     description = " then ".join(
-        as_said(quantity, *vector)
+        format_vector(quantity, *vector)
         for vector in zip(east[:3].tolist(), north[:3].tolist(), strict=True)
     )
     rest = f" and {len(values) - 3} more" if len(values) > 3 else ""
@@ -388,7 +388,7 @@ def _build_uniform(
     return Source(quantity, name, ABOUT_POLE, times, read_about, 0.0, (note,), digest)
 
 
-def as_said(quantity: str, east: float, north: float) -> str:
+def format_vector(quantity: str, east: float, north: float) -> str:
     """Return a vector as mariners write it: in knots, winds from and currents toward a bearing."""
     speed = float(np.hypot(east, north))
     if speed == 0:

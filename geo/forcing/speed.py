@@ -60,7 +60,7 @@ WORDS = (
 TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")
 
 
-def factor(units: str) -> float:
+def factor_to_mps(units: str) -> float:
     """Return the factor that converts values in these units to m/s.
 
     Raises UserError if the units are not a speed.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from geo import notation
 from geo.array import Array
 from geo.errors import UserError
-from geo.files.dataset import remote
+from geo.files.dataset import is_remote
 from geo.forcing import quantities
 from geo.forcing.quantity import QUANTITIES
 from geo.forcing.reading import slices
@@ -116,7 +116,7 @@ def _sample_values(component: Component, looked_at: tuple[int, ...]) -> Array:
     itemsize = np.dtype(
         data[component.name].encoding.get("dtype") or data[component.name].dtype
     ).itemsize
-    most = (READ_REMOTE if remote(path) else READ) / (2 * len(looked_at) * itemsize)
+    most = (READ_REMOTE if is_remote(path) else READ) / (2 * len(looked_at) * itemsize)
     stride = max(1, int(np.ceil((np.prod(sizes) / most) ** (1 / len(sizes)))))
     strides = (slice(None, None, stride),) * len(sizes)
     values = np.stack([slices.block(component, k, strides) for k in looked_at])

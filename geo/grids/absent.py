@@ -19,7 +19,7 @@ POLE = 89.9  # [deg] beyond this latitude many points may share one longitude an
 AROUND = [(dj, di) for dj in (-1, 0, 1) for di in (-1, 0, 1) if (dj, di) != (0, 0)]
 
 
-def without(lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
+def drop_missing_points(lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
     """Return coordinates [deg] with NaN at points without a position.
 
     These have a fill value (one number beyond all degrees) or lie in a block: points of two

@@ -45,7 +45,7 @@ def of_curved(curved: Curved, grid: Grid, mirrored: float = 1.0) -> sp.csr_matri
         corners = layout.cells(curved, np.arange(j, min(j + band, ny - 1))).reshape(-1, 4)
         parts += _bilinear(lon, lat, corners, grid, np.ones(4))
     parts += _bilinear(
-        lon, lat, layout.across(curved), grid, np.array([1.0, 1.0, mirrored, mirrored])
+        lon, lat, layout.fold_cells(curved), grid, np.array([1.0, 1.0, mirrored, mirrored])
     )
     return _assemble(parts, grid, ny * nx)
 

@@ -196,7 +196,7 @@ def cells(curved: Curved, rows: Index) -> Index:
     return np.stack((row + left, row + right, row + nx + right, row + nx + left), -1)
 
 
-def across(curved: Curved) -> Index:
+def fold_cells(curved: Curved) -> Index:
     """Return the corners of the cells across the fold of a tripolar grid, shape (cells, 4).
 
     Corners are indices of raveled points.
@@ -240,7 +240,7 @@ def extents(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array]:
     return middle[:, 0] + unwrapped.min(axis=1), width, lower, upper
 
 
-def within(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]:
+def points_in_box(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]:
     """Return which points [deg] lie in a box grown by a margin [deg of a great circle]."""
     south, north = box.south - margin, box.north + margin
     cosine = np.cos(np.radians(min(89.0, max(abs(south), abs(north)))))
@@ -264,7 +264,7 @@ def crop(layout: Layout, box: Box | None) -> Layout | None:
     if isinstance(layout, Triangles):
         return _crop_triangles(layout, box)
     lon, lat = points(layout)
-    inside = within(lon, lat, box, 3 * spacing(layout))
+    inside = points_in_box(lon, lat, box, 3 * spacing(layout))
     if not inside.any():
         return None
     j, i = np.nonzero(inside.any(axis=1))[0], np.nonzero(inside.any(axis=0))[0]
@@ -344,7 +344,7 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
         corners = cells(curved, rows).reshape(-1, 4)
         met = corners[_overlap_box(lon[corners], lat[corners], grown)]
         row_needed[met // nx] = column_needed[met % nx] = True
-    corners = across(curved)
+    corners = fold_cells(curved)
     met = corners[_overlap_box(lon[corners], lat[corners], grown)]
     row_needed[met // nx] = column_needed[met % nx] = True
     if not row_needed.any():

@@ -87,7 +87,7 @@ def locate(
             f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
             f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
         )
-    lon, lat = absent.without(
+    lon, lat = absent.drop_missing_points(
         _first_values(component, lon_name), _first_values(component, lat_name), notes
     )
     if (
@@ -116,7 +116,7 @@ def locate(
         return axes(lon[0], lat[:, 0], lon_name, lat_name), notes
     angle = _file_angle(data, chosen, lon, lat, notes)
     grid = Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle)
-    return absent.extended(seam.close(grid, notes)), notes
+    return absent.extended(seam.close_seam(grid, notes)), notes
 
 
 def coordinates(

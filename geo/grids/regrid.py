@@ -41,7 +41,7 @@ def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
     return matrix.astype(np.float32)
 
 
-def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.float32]:
+def regrid_values(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.float32]:
     """Return values at a layout's points interpolated to a grid's nodes.
 
     A node is NaN if too few values are present.

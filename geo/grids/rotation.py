@@ -106,7 +106,9 @@ def plane_axes(plane: Plane | Triangles, lon: Array, lat: Array) -> NDArray[np.f
     return np.asarray(np.where(np.isfinite(result), result, np.nan), np.float32)
 
 
-def turn(x: Array, y: Array, directions: NDArray[np.float32] | None) -> tuple[Array, Array]:
+def rotate_vectors(
+    x: Array, y: Array, directions: NDArray[np.float32] | None
+) -> tuple[Array, Array]:
     """Return (east, north) of vectors from components along axes.
 
     Args:

@@ -19,7 +19,7 @@ NEXT = 1.5  # [steps] largest distance at which the last column is a neighbour o
 FEWEST = 16  # least number of columns of a grid that spans the globe
 
 
-def close(curved: Curved, notes: list[str]) -> Curved:
+def close_seam(curved: Curved, notes: list[str]) -> Curved:
     """Return a grid without repeated columns and rows, connected at its seam and its fold."""
     ny, nx = curved.lon.shape
     repeated = follower(curved)

@@ -114,7 +114,7 @@ def _latitude_range(item: Layout, lat: Array) -> tuple[float, float]:
         return south, north
     polar = (np.fmax.reduce(np.abs(item.lat), axis=1) > POLAR)[:-1]
     corners = np.concatenate(
-        (lay.cells(item, np.nonzero(polar)[0]).reshape(-1, 4), lay.across(item))
+        (lay.cells(item, np.nonzero(polar)[0]).reshape(-1, 4), lay.fold_cells(item))
     )
     _, _, low, high = lay.extents(np.ravel(item.lon)[corners], np.ravel(item.lat)[corners])
     return float(np.fmin.reduce(low, initial=south)), float(np.fmax.reduce(high, initial=north))

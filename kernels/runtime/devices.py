@@ -65,8 +65,8 @@ class Device:
         """Return how much of its memory is free, in words."""
         if self.kind in SHARING or self.total is None:
             return "the processor's memory" if self.kind in SHARING else "memory unknown"
-        free = "unknown" if self.free is None else notation.size(self.free)
-        return f"{free} of {notation.size(self.total)} free"
+        free = "unknown" if self.free is None else notation.format_bytes(self.free)
+        return f"{free} of {notation.format_bytes(self.total)} free"
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def fullness(free: int | None) -> tuple[str, str]:
     """Return that a card is full and what to do; empty where it is not, or where that is unknown."""
     if free is None or free >= LEAST:
         return "", ""
-    why = f"{notation.size(free)} of its memory are free, and a run needs {notation.size(LEAST)} beside its particles"
+    why = f"{notation.format_bytes(free)} of its memory are free, and a run needs {notation.format_bytes(LEAST)} beside its particles"
     return why, "end other programs on the card (nvidia-smi lists them on NVIDIA's)"
 
 

@@ -46,7 +46,7 @@ def alone() -> Iterator[None]:
     Taichi's compiler keeps what it compiles at the moment in variables of the process: a second
     thread that launches meanwhile gets errors from the middle of the compiler, or ends the process.
     """
-    with waiting.turn(_use):
+    with waiting.hold_lock(_use):
         yield
 
 
@@ -106,13 +106,15 @@ def start(backend: str = "cpu", threads: int | None = None, lanes: int | None = 
             choice = Choice(None if backend == "cpu" else devices.usable(drivers.ask(backend)), "")
             if choice.device is not None and choice.device.kind == "software":
                 words = f"--backend {backend}: {choice.device.name} is a software device: for tests"
-                LOG.warning("drift: %s", errors.named(words))
+                LOG.warning("drift: %s", errors.name_arguments(words))
             _init(backend, count, choice.device)
         taken = choice.device.backend if choice.device else "cpu"
         told = f"--backend {AUTO} takes {taken}: {choice.why}" if backend == AUTO else ""
         if told:
             LOG.log(
-                logging.WARNING if choice.missed else logging.INFO, "drift: %s", errors.named(told)
+                logging.WARNING if choice.missed else logging.INFO,
+                "drift: %s",
+                errors.name_arguments(told),
             )
         _started.update(
             backend=taken, threads=count, thread=threading.get_ident(), device=choice.device

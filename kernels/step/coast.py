@@ -48,7 +48,8 @@ class DeviceCoast:
 def upload(coast: shore_grid.Coast) -> DeviceCoast:
     """Return the device copy of a coast."""
     tables = [
-        np.ravel(a) for a in (coast.start, coast.edge, coast.edge_id, shore_grid.edges(coast))
+        np.ravel(a)
+        for a in (coast.start, coast.edge, coast.edge_id, shore_grid.shoreline_edges(coast))
     ]
     begins = np.cumsum([table.size for table in tables[:-1]]).tolist()
     frame = Frame(

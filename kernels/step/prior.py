@@ -378,7 +378,6 @@ def draw_objects(
     first: ti.i32,
     last: ti.i32,
     number: ti.i32,
-    base: ti.i32,
     per_world: ti.i32,
     lon: Ints,
     lat: Ints,
@@ -396,15 +395,15 @@ def draw_objects(
 ):
     """Draw the objects of worlds, per_world slots each, about the world's release [binary angle].
 
-    They are released from the time of the world's release on. base: number of the class's first
-    slot in the whole run.
+    They are released from the time of the world's release on. The slots are those of a class, from
+    its first world here on; number: of its first slot in the whole run, for the random numbers.
 
     scatter [m]: standard deviation of a component; lasting [s]: over which releases are uniform.
     tries[0] += candidates drawn, tries[1] += slots that found no water and lie at their world's
     release itself.
     """
     for i in range(first, last):
-        k = (number - base + i - first) // per_world
+        k = (i - first) // per_world
         world[i] = k
         found = 0
         tried = 0

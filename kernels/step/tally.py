@@ -222,7 +222,7 @@ def laid(
         code = ((place[cell] * groups + marks.group[slot]) * media + medium) * 2
         np.add.at(sums, code, amount)
         if heaviest > 0:
-            np.add.at(sums, code + 1, fixed_point.fixed(p * (p / heaviest)))
+            np.add.at(sums, code + 1, fixed_point.to_fixed_point(p * (p / heaviest)))
         if shown > 1:
             code = (place[cell] * shown + marks.shown[marks.scenario[slot]]) * media + medium
             np.add.at(by_scenario, code, amount)
@@ -255,9 +255,9 @@ def _found(swarm: Swarm, window: Cells) -> tuple[Array, Array, Array]:
     probability.
     """
     slot = np.flatnonzero((swarm.kinds[swarm.status] != HIDDEN) & (swarm.probability > LEAST))
-    cell = fixed_point.index(swarm.lon[slot], swarm.lat[slot], window)
+    cell = fixed_point.index_of_cells(swarm.lon[slot], swarm.lat[slot], window)
     slot, cell = slot[cell >= 0], cell[cell >= 0]
-    return slot, cell, fixed_point.fixed(swarm.probability[slot])
+    return slot, cell, fixed_point.to_fixed_point(swarm.probability[slot])
 
 
 @ti.func
@@ -271,7 +271,7 @@ def _cell(
     nlon: ti.u32,
     nlat: ti.u32,
 ) -> ti.i32:
-    """Return the flat index of the cell that holds a place; -1 off the grid (see geo.cells.index)."""
+    """Return the flat index of the cell that holds a place; -1 off the grid (see geo.cells.index_of_cells)."""
     x, y = (ti.cast(lon, ti.u32) - west) // width, (ti.cast(lat, ti.u32) - south) // height
     found = -1
     if x < nlon and y < nlat:  # unsigned differences of what lies west or south are large
@@ -281,7 +281,7 @@ def _cell(
 
 @ti.func
 def _fixed(probability: ti.f64) -> ti.i64:
-    """Return a probability in fixed point (see geo.cells.fixed)."""
+    """Return a probability in fixed point (see geo.cells.to_fixed_point)."""
     return ti.cast(
         probability * ti.f64(float(fixed_point.ONE)) + ti.f64(WHOLE) - ti.f64(WHOLE), ti.i64
     )

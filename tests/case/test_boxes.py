@@ -17,8 +17,8 @@ WIDTH: dict[str, Callable[[float, float], float]] = {
     "grid": lambda west, east: (
         GridTable(west=west, east=east, south=24, north=31, spacing="0.5 deg").cells().nlon / 2
     ),
-    "--box": lambda west, east: _wide(fetching.box_of(f"{west},24,{east},31")),
-    "--without": lambda west, east: _wide(given.box(f"{west},24,{east},31")),
+    "--box": lambda west, east: _wide(fetching.parse_box(f"{west},24,{east},31")),
+    "--without": lambda west, east: _wide(given.parse_box(f"{west},24,{east},31")),
 }
 
 

@@ -107,7 +107,9 @@ def test_members_of_a_built_in_flow_add_to_its_parameters(tmp_path: Path) -> Non
 
 def test_the_fastest_of_the_members_sets_the_domain(tmp_path: Path) -> None:
     def north(case: drift.Case) -> float:
-        return domain.utmost(run_setup.ensemble_spec(case), run_setup.environment_spec(case)).north
+        return domain.outermost_box(
+            run_setup.ensemble_spec(case), run_setup.environment_spec(case)
+        ).north
 
     assert (
         north(load(tmp_path, TYPED.replace("east = 0.2", "east = 6"))) > north(load(tmp_path)) + 0.1

@@ -94,7 +94,7 @@ def test_every_particle_is_in_the_cell_that_holds_it():
         i, j = (int(x) - grid.lon0) // 700, (int(y) - grid.lat0) // 300
         expected.append(21 * j + i if 0 <= i < 21 and 0 <= j < 17 else -1)
     wrapped = ((lon + 2**31) % 2**32 - 2**31).astype(np.int32)
-    np.testing.assert_array_equal(cells.index(wrapped, lat, grid), expected)
+    np.testing.assert_array_equal(cells.index_of_cells(wrapped, lat, grid), expected)
 
 
 def test_cell_areas_add_up_to_the_zone():

@@ -63,7 +63,7 @@ def made(weights, east=20_000.0, lon=-60.0, learnt=True):
 
 def test_each_story_has_the_map_of_its_own_particles():
     forecast, (_, last) = made([1.0, 3.0, 0.0])
-    found = by_scenario.each(forecast, -1)
+    found = by_scenario.forecasts_by_scenario(forecast, -1)
     assert [story.name for story in found] == ["story 1", "story 0", "story 2"]
     everywhere = sum(story.now * story.forecast.data["probability"].values[0] for story in found)
     np.testing.assert_allclose(
@@ -90,7 +90,7 @@ def test_each_story_has_the_map_of_its_own_particles():
 def test_what_is_ashore_of_a_scenario_is_a_share_of_its_own_map():
     """Far apart, each cell is of one scenario: what is ashore adds up to its share of stranded."""
     forecast, (_, last) = made([1.0, 3.0], east=200_000.0)
-    for scenario in by_scenario.each(forecast, -1):
+    for scenario in by_scenario.forecasts_by_scenario(forecast, -1):
         own = last.scenario == int(scenario.name[-1])
         stranded = last.probability[own & (last.status == Status.ASHORE)].sum()
         ashore = scenario.forecast.data["probability_ashore"].values[0]
@@ -104,7 +104,7 @@ def test_areas_of_a_story_hold_their_shares_of_its_map_and_are_as_large_as_their
     """
     forecast, _ = made([1.0, 3.0], lon=179.9)
     earth = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
-    for story in by_scenario.each(forecast, -1):
+    for story in by_scenario.forecasts_by_scenario(forecast, -1):
         data = story.forecast.data.isel(time=0)
         mass = data["probability"].values / data["probability"].values.sum()
         for contour in story.forecast.contours:
@@ -120,7 +120,7 @@ def test_areas_of_a_story_hold_their_shares_of_its_map_and_are_as_large_as_their
 def test_of_many_stories_the_others_stand_together_and_count_as_their_particles_do():
     weights = np.arange(1.0, 15.0)
     forecast, (_, last) = made(weights, east=3000.0, learnt=False)
-    found = by_scenario.each(forecast, -1)
+    found = by_scenario.forecasts_by_scenario(forecast, -1)
     assert [story.name for story in found[:-1]] == [f"story {k}" for k in range(13, 3, -1)]
     assert found[-1].name == "4 others"
     rest = (last.scenario < 4) & (last.status != Status.SUNK)
@@ -153,8 +153,8 @@ def test_the_picture_is_drawn(tmp_path, weights, east, lon):
 def test_stories_of_one_are_not_drawn_apart():
     forecast, _ = made([1.0])
     matter = chapter.ForecastOutputs(forecast, None, Setting(Imprint("one")))
-    assert set(chapter.chapter(matter).pictures) == {*chapter.PICTURES}
-    assert {*chapter.chapter(replace(matter, forecast=made([1.0, 1.0])[0])).pictures} == {
+    assert set(chapter.forecast_bundle(matter).pictures) == {*chapter.PICTURES}
+    assert {*chapter.forecast_bundle(replace(matter, forecast=made([1.0, 1.0])[0])).pictures} == {
         *chapter.PICTURES,
         *chapter.SCENARIO_PICTURES,
     }

@@ -47,7 +47,7 @@ def at(lon=10.0, lat=40.0, cells=CELLS):
 
 
 def test_each_cell_of_the_coast_is_told_of_its_smallest_area():
-    found = coastal.strips(at(), SHARES)
+    found = coastal.coast_lines_by_share(at(), SHARES)
     assert list(found) == [0.5, 0.75, 0.95]
     # Three cells in a row, and two that go on from them; what is mostly adrift is sea, and what is
     # beyond is not told.
@@ -58,15 +58,15 @@ def test_each_cell_of_the_coast_is_told_of_its_smallest_area():
     # One goes on aslant round a corner; the other stands alone, and is half a cell wide.
     lengths = sorted(part.length for part in found[0.95].geoms)
     assert lengths == pytest.approx([STEP[0] / 2, np.hypot(*STEP)])
-    assert list(coastal.strips(at(), (0.5, 0.95))) == [0.5, 0.95]
-    assert coastal.strips(at(), (0.4,)) == {}
+    assert list(coastal.coast_lines_by_share(at(), (0.5, 0.95))) == [0.5, 0.95]
+    assert coastal.coast_lines_by_share(at(), (0.4,)) == {}
 
 
 def test_a_patch_of_cells_is_joined_without_slanting_lines():
     """Every pair of neighbours by a side is joined once: 3 x 4 cells have 3 x 3 and 2 x 4 such
     pairs.
     """
-    lines = coastal.strips(at(cells=np.ones((3, 4), int)), SHARES)[0.5]
+    lines = coastal.coast_lines_by_share(at(cells=np.ones((3, 4), int)), SHARES)[0.5]
     assert lines.length == pytest.approx(9 * STEP[0] + 8 * STEP[1])
 
 
@@ -115,7 +115,7 @@ def test_areas_on_the_coast_are_seen_over_the_land(lon):
     layers.outline(ax, frame, made, contours, few=False)
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())[..., :3] / 255
-    for share, lines in coastal.strips(data.isel(time=0), SHARES).items():
+    for share, lines in coastal.coast_lines_by_share(data.isel(time=0), SHARES).items():
         colour = layers.band(share, made)["path_effects"][-1]._gc["foreground"]
         places = shapely.get_coordinates(
             shapely.line_interpolate_point(shapely.get_parts(lines), 0.5, normalized=True)

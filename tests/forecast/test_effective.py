@@ -102,13 +102,14 @@ def test_numbers_are_kongs_and_families_count_once():
     # its squares underflow
     assert effective.number(weight * 1e-200) == pytest.approx(own(weight), rel=1e-12)
     np.testing.assert_allclose(
-        effective.by(code, 4, weight), [own(weight[code == k]) for k in range(3)] + [0]
+        effective.effective_by_code(code, 4, weight),
+        [own(weight[code == k]) for k in range(3)] + [0],
     )
     each = [
         own(np.array([weight[(family == f) & (code == k)].sum() for f in range(7)]))
         for k in range(3)
     ]
-    np.testing.assert_allclose(effective.by(code, 4, weight, family), [*each, 0])
+    np.testing.assert_allclose(effective.effective_by_code(code, 4, weight, family), [*each, 0])
     assert effective.number(np.zeros(0)) == effective.number(np.zeros(3)) == 0
 
 
@@ -190,11 +191,11 @@ def test_files_carry_the_number_and_few_are_warned_of(forecast):
     assert tables.summary_of_forecast(forecast)["outputs"][1][
         "effective_particles"
     ] == pytest.approx(4, rel=1e-6)
-    told = effective.of_run(data, N)
+    told = effective.effective_warnings(data, N)
     assert told == [
         "only 4 of 100,000 particles are effective at 220030ZNOV26: areas and shares are rough"
     ]
-    assert effective.of_run(data.isel(time=[0]), N) == []
+    assert effective.effective_warnings(data.isel(time=[0]), N) == []
 
 
 def test_what_is_drawn_anew_counts_as_what_it_descends_from():
@@ -218,7 +219,7 @@ def test_a_spill_stands_on_its_worlds(tmp_path, words):
     assert tables.summary_of_forecast(made)["outputs"][0]["effective_worlds"] == pytest.approx(
         own(share), rel=1e-9
     )
-    assert effective.of_run(made.data, n)[0].startswith(
+    assert effective.effective_warnings(made.data, n)[0].startswith(
         "only 3 of 100 worlds are effective at 211830ZNOV26: "
     )
     forecast_map.draw_map(made, tmp_path / "map.png", Setting(Imprint("t"), particles=n))
@@ -240,7 +241,7 @@ def test_a_part_that_stands_on_few_is_told():
     )
     assert made.data["effective_particles"].item() == pytest.approx(own(weight), rel=1e-9)
     assert own(weight) > 200
-    told = effective.of_run(made.data, n)
+    told = effective.effective_warnings(made.data, n)
     assert told == [
         "only 20 particles are effective of those ashore: figures of this part are rough (10 % of the probability)",
         'only 50 particles are effective of scenario "second": figures of this part are rough (20 % of the probability)',
@@ -261,7 +262,7 @@ def test_stories_that_stand_on_few_are_one_line():
         scenario[begin : begin + many], weight[begin : begin + many] = story, 0.2 / many
     one = snapshot(lon, lat, weight, 0, np.zeros(n, np.int32), scenario)
     made = forecast_build.build_forecast([one], scenarios=["a", "b", "c", "d"])
-    assert effective.of_run(made.data, n) == [
+    assert effective.effective_warnings(made.data, n) == [
         'only 50 particles are effective of scenario "b", and few of 2 others: figures of this part are rough (60 % of the '
         "probability)"
     ]
@@ -307,7 +308,7 @@ def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(
     out = (x < here.x[0]) | (x > here.x[1]) | (y < here.y[0]) | (y > here.y[1])
     share = f"{100 * mass[out].sum():.1f} %"
     assert mass[out].sum() == pytest.approx(0.02, abs=0.004)  # and what strays from the main cloud
-    told = beyond.left_out(here, at)
+    told = beyond.outside_frame_sentence(here, at)
     assert told.startswith(
         f"{share} of the probability lies outside this frame, to the {point} (around "
     )
@@ -336,13 +337,13 @@ def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path
     # width of the frame [deg], in Mercator
     step = np.degrees((here.x[1] - here.x[0]) / sphere.RADIUS)
     near, far = (np.array([[here.centre[0] + k * step, here.centre[1]]]) for k in (0.65, 5.0))
-    assert beyond.hidden(here, [near])
-    assert not beyond.hidden(
+    assert beyond.is_outside_frame(here, [near])
+    assert not beyond.is_outside_frame(
         here, [np.array([[here.centre[0] - k, here.centre[1]] for k in (5.0, 0.0, -5.0)])]
     )
     wider = layers.extent(made, [BEGIN], (), (), 1.1, also=[[far], [near]])
-    assert not beyond.hidden(wider, [near])
-    assert beyond.hidden(wider, [far])
+    assert not beyond.is_outside_frame(wider, [near])
+    assert beyond.is_outside_frame(wider, [far])
     contact = SimpleNamespace(name="flare", time=BEGIN, kind="range", sensor=(far[0, 0], far[0, 1]))
     contact = searches.Contact(**vars(contact), range=900.0, range_std=100.0)
     forecast_map.draw_map(
@@ -398,7 +399,7 @@ def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
     evidence_map.plot_evidence(replace(updates, all=tuple(low)), tmp_path / "few.png", setting)
     assert "ONLY 8 OF 12,000 PARTICLES ARE EFFECTIVE: shares, evidence and POS are rough" in words
     assert sum(text.endswith(", 8 particles are effective") for text in words) == 1
-    told = particles_left.of_run(
+    told = particles_left.few_particles_warnings(
         searches.search()[0].data, 12_000, replace(updates, all=tuple(low))
     )
     named = f'{low[2].kind} "{low[2].name}"'

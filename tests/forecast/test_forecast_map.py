@@ -128,11 +128,11 @@ def test_arrows_point_where_the_water_goes():
     """
     lon, east, north = np.array([170.0, 178.0, 186.0]), np.full(3, 0.3), np.full(3, 0.4)
     here = chart.frame(np.array([170.0, 186.0]), np.array([30.0, 40.0]), 1.0)
-    u, v = field.turned(here, lon, np.full(3, 33.0), east, north)
+    u, v = field.rotate_to_projection(here, lon, np.full(3, 33.0), east, north)
     np.testing.assert_allclose(u, 0.3, atol=1e-5)
     np.testing.assert_allclose(v, 0.4, atol=1e-5)
     here = chart.frame(np.array([170.0, 186.0]), np.array([80.0, 81.0]), 1.0)
-    u, v = field.turned(here, lon, np.full(3, 80.5), east, north)
+    u, v = field.rotate_to_projection(here, lon, np.full(3, 80.5), east, north)
     turn = np.degrees(np.arctan2(v, u) - np.arctan2(4, 3))
     # west of the centre north leans to the right: clockwise; 0.1 degrees as the projection is not
     # quite conformal
@@ -232,11 +232,11 @@ def test_small_islands_and_holes_are_not_drawn_unless_they_are_many():
 
     big = square(0, 10).difference(shapely.box(4, 4, 8, 8)).difference(shapely.box(1, 1, 2, 2))
     whole = shapely.MultiPolygon([big, square(20, 1), square(30, 2)])
-    lengths = sorted(float(np.ptp(ring[:, 0])) for ring in layers.kept(whole))
+    lengths = sorted(float(np.ptp(ring[:, 0])) for ring in layers.rings_to_draw(whole))
     assert lengths == [2, 4, 10]  # 1 x 1 is less than 2 % of 88, as island and as hole
     many = shapely.MultiPolygon([square(2 * i, 1) for i in range(100)])
-    assert len(layers.kept(many)) >= 90
-    assert layers.kept(shapely.MultiPolygon()) == []
+    assert len(layers.rings_to_draw(many)) >= 90
+    assert layers.rings_to_draw(shapely.MultiPolygon()) == []
 
 
 def test_the_track_is_whole_once_all_is_released():
@@ -245,12 +245,12 @@ def test_the_track_is_whole_once_all_is_released():
     account[:] = 0
     account[:, Status.PENDING] = [1, 0.8, 0.112, 0.105, 0.1]  # a tenth is never released
     account[:, Status.ADRIFT] = 1 - account[:, Status.PENDING]
-    assert layers.complete(made) == 3
+    assert layers.first_complete_output(made) == 3
 
 
 @pytest.mark.parametrize("top", [3e-7, 0.0916, 0.0322, 0.341, 1.0, 7.3, 99.0, 4e5])
 def test_colour_bars_have_round_numbers(top):
-    per, _ = labels.scale(top)
+    per, _ = labels.density_unit(top)
     ticks = labels.ticks(top * per)
     assert 3 <= len(ticks) <= 6
     assert ticks[0] == 0
@@ -293,8 +293,8 @@ def test_what_is_off_the_map_is_said():
     ):
         account[:] = 0
         account[[Status.ADRIFT, Status.OUTSIDE, Status.LEFT]] = 1 - outside - left, outside, left
-        assert forecast_words.missing(at).startswith(words)
-        assert bool(forecast_words.missing(at)) == bool(words)
+        assert forecast_words.off_map_warning(at).startswith(words)
+        assert bool(forecast_words.off_map_warning(at)) == bool(words)
         assert "ashore" not in forecast_words.account(at)
 
 

@@ -69,7 +69,7 @@ def snapshots() -> list[Snapshot]:
 
 def test_maps_of_the_likeliest_and_of_all_others_add_up(snapshots: list[Snapshot]) -> None:
     made = build.build_forecast(snapshots, scenarios=NAMES)
-    data, shown = made.data, dataset.shown(made.data)
+    data, shown = made.data, dataset.displayed_scenarios(made.data)
     share = data["scenario_probability"].values
     np.testing.assert_allclose(
         share, [np.bincount(s.scenario, s.probability) for s in snapshots], rtol=1e-12
@@ -109,7 +109,7 @@ def test_effective_numbers_of_families_by_scenario() -> None:
     random = np.random.default_rng(7)
     family, code = np.sort(random.integers(0, 40, 900)), random.integers(0, MANY + 3, 900)
     weight = random.gamma(0.3, size=900) * 1e-190  # whose squares underflow
-    found = effective.by(code, MANY + 4, weight, family)
+    found = effective.effective_by_code(code, MANY + 4, weight, family)
     for k in range(MANY + 4):
         mass = [weight[(code == k) & (family == f)].sum() for f in range(40)]
         share = np.array(mass) / max(sum(mass), 1e-300)
@@ -134,7 +134,10 @@ def test_updates_of_the_others_are_those_of_their_mixture() -> None:
             )
         )  # fmt: skip
     whole = Updates(tuple(NAMES), prior, tuple(every))
-    told, shown = search_updates.together(whole), search_updates.shown_of(whole)
+    told, shown = (
+        search_updates.merge_unlikely_scenarios(whole),
+        search_updates.displayed_scenarios_of(whole),
+    )
     rest = list(shown.rest)
     first = (prior[rest] * miss[0, rest]).sum() / prior[rest].sum()
     both = (prior[rest] * miss[0, rest] * miss[1, rest]).sum() / prior[rest].sum()
@@ -147,4 +150,4 @@ def test_updates_of_the_others_are_those_of_their_mixture() -> None:
     assert told.all[1].posterior[-1] == pytest.approx(before[rest].sum())
     np.testing.assert_allclose(told.all[1].cumulative[:-2], every[1].cumulative[list(shown.alone)])
     assert told.all[1].cumulative[-1] == pytest.approx(every[1].cumulative[-1])
-    assert search_updates.together(told) is told  # eleven are few
+    assert search_updates.merge_unlikely_scenarios(told) is told  # eleven are few

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drift.engine.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
-from drift.forecast.starts import starts
+from drift.forecast.starts import prior_marks
 
 BEGIN = np.datetime64("2026-11-21T18:30")
 
@@ -27,14 +27,14 @@ def test_marks_and_lines() -> None:
     way = TracklinePrior(
         tuple(lon[:2]), tuple(lat[:2]), 1500.0, BEGIN, BEGIN, 5.0, 0.0, 1.0, None, BEGIN, BEGIN
     )
-    (alone,), none = starts([scenario("one", position)], "Last known position", "LKP")
+    (alone,), none = prior_marks([scenario("one", position)], "Last known position", "LKP")
     assert (alone.lon, alone.lat, alone.label, none) == (
         pytest.approx(-87.5),
         pytest.approx(28.7),
         "Last known position",
         [],
     )
-    (mark,), lines = starts(
+    (mark,), lines = prior_marks(
         [scenario("one", position), scenario("two", area), scenario("three", way)], "Start", "LKP"
     )
     assert mark.label == "LKP, one"

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from geo.box import Box, between
+from geo.box import Box, box_between
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,7 @@ from geo.box import Box, between
     ],
 )
 def test_a_box_goes_eastward(west, east, found):
-    assert between(west, -10, east, 20) == Box(found[0], -10, found[1], 20)
+    assert box_between(west, -10, east, 20) == Box(found[0], -10, found[1], 20)
 
 
 @pytest.mark.parametrize(
@@ -33,9 +33,9 @@ def test_the_long_way_is_refused_and_what_the_message_names_is_taken(west, east,
     with pytest.raises(
         ValueError, match=f"goes {width} degrees round the Earth, the long way"
     ) as refused:
-        between(west, 24, east, 31)
+        box_between(west, 24, east, 31)
     short, long = re.findall(r"west (-?\d+) and east (-?\d+)", str(refused.value))
-    box, other = (between(float(a), 24, float(b), 31) for a, b in (short, long))
+    box, other = (box_between(float(a), 24, float(b), 31) for a, b in (short, long))
     assert box.east - box.west == 360 - width
     assert other.east - other.west == width
     assert (box.west - east) % 360 == (other.west - west) % 360 == 0

@@ -30,9 +30,9 @@ def test_one_text_is_said_in_two_ways(text: str) -> None:
     error = UserError(text, "--seed 3: another mistake")
     assert str(error) == f"{SAID[text]}\n--seed 3: another mistake"
     assert error.lines == (SAID[text], "--seed 3: another mistake")
-    with errors.of_a_command():
+    with errors.naming_options():
         assert str(error) == f"{text}\n--seed 3: another mistake"
-        with errors.of_a_command():  # by a program that runs commands
+        with errors.naming_options():  # by a program that runs commands
             pass
         assert error.lines[0] == text
     assert error.lines[0] == SAID[text]

@@ -52,7 +52,7 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
             would reject at its start.
     """
     runtime.start()
-    environment = run_setup.open_for(case, datasets, shore.thinned)
+    environment = run_setup.open_for(case, datasets, shore.thin_shore)
     # each scenario needs a particle in each member, and gets at least a tenth of an equal share
     members = len(environment.members)
     reduced = replace(
@@ -69,10 +69,10 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         nodes = sum(
             s.grid.nlon * s.grid.nlat * len(s.members) for s in environment.sources if s.others
         )
-        work = outlook.work(case, setup.clock.step, nodes) + outlook.advised(
+        work = outlook.work_in_words(case, setup.clock.step, nodes) + outlook.advice_on_step(
             case, environment, setup
         )
-        ends, rejection = outlook.ends(case, setup)
+        ends, rejection = outlook.predict_final_statuses(case, setup)
     finally:
         setup.scene.forcing.close()
     box, span = (
@@ -174,7 +174,7 @@ def _source(case: Case, source: Source) -> str:
     """Describe a source of forcing, with the times within the run when it has no data."""
     missing = f"{notation.percent(source.missing)} missing; " if source.missing else ""
     text = f"{missing}{'; '.join(source.notes) or 'as is'}"
-    holes = outlook.holes(case, source)
+    holes = outlook.gaps_in_source(case, source)
     return f"{text}; {holes}: particles that drift then need another source" if holes else text
 
 
@@ -270,7 +270,7 @@ def _processing(own: Processing) -> str:
         "" if own.manned.all() else f", {int(own.manned.sum())} of {own.manned.size} slots manned"
     )
     cost = f", a beam must add {notation.number(own.cost)}" if own.cost > 0 else ""
-    span = f"{notation.group(own.edges[0])} to {notation.group(own.edges[-1])}"
+    span = f"{notation.format_dtg(own.edges[0])} to {notation.format_dtg(own.edges[-1])}"
     return f"{span}, {slots} slot(s) of {notation.number(hours)} h, {len(own.processors)} processor(s){manned}, beams: {beams}{cost}"
 
 
@@ -281,7 +281,7 @@ def _sensor_report(contact: Contact) -> str:
         return ""
     words = [f'sensor "{own.sensor.name}"']
     if own.mirrored:
-        image = math.degrees(contacts.image(contact.bearing, own.heading))
+        image = math.degrees(contacts.mirrored_bearing(contact.bearing, own.heading))
         words.append(
             f"bearing {notation.bearing(math.degrees(contact.bearing))} or {notation.bearing(image)}"
         )
@@ -366,9 +366,7 @@ def _sortie(sortie: Sortie) -> str:
         detection = f"{law}, coverage {_by_scenario(sortie.coverage, '')}"
     else:
         detection = f"{law}, W {_widths(sortie.sweep_width)}"
-    return (
-        f"{kind}, {notation.stated_time(sortie.start)} to {notation.group(sortie.end)}, {detection}"
-    )
+    return f"{kind}, {notation.stated_time(sortie.start)} to {notation.format_dtg(sortie.end)}, {detection}"
 
 
 def _legs(number: int) -> str:
@@ -405,7 +403,7 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
         "spill": f"{low:,}{f' to {high:,}' if high > low else ''} objects, "
         f"{spill.worlds:,} worlds of {spill.per_world:,} particles; "
         + _destroyed(*spill.destroyed),
-        "released": f"{notation.group(spill.prior.release_start)} to {notation.group(spill.prior.release_end)}",
+        "released": f"{notation.format_dtg(spill.prior.release_start)} to {notation.format_dtg(spill.prior.release_end)}",
         "biases": f"windage a factor of {notation.number(math.exp(spill.windage_bias))}, current {notation.number(spill.current_bias)} m/s, "
         f"reporting a factor of {notation.number(math.exp(spill.reporting_bias))} (one standard deviation)",
         "reports": f"{rates}; other coast: {spill.reporting.coast}; removed {notation.number(86_400 * spill.reporting.removal)} a day",
@@ -420,14 +418,14 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
         lines["assumed no other reports"] = (
             f"until {notation.stated_time(spill.reporting.until)} (spill.reporting.until)"
             if spill.reporting.until is not None
-            else f"until {notation.group(last)}, the last find or patrol; set spill.reporting.until to change that"
+            else f"until {notation.format_dtg(last)}, the last find or patrol; set spill.reporting.until to change that"
         )
     for patrol in renewal.patrols(spill, stretches):
         lines[f'patrol "{patrol["name"]}"'] = (
             f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
         )
     for team in spill.teams:
-        many = f"{len(team.times)} patrol{'s' * (len(team.times) > 1)} from {notation.group(team.times[0])}"
+        many = f"{len(team.times)} patrol{'s' * (len(team.times) > 1)} from {notation.format_dtg(team.times[0])}"
         lines[f'patrol_unit "{team.name}"'] = (
             f"{many}, {notation.number(team.length / 1000)} km a day, finds {notation.hundredths(team.detection)} %"
         )

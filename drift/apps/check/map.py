@@ -35,7 +35,7 @@ def plot_network(found: Chart, path: Path, setting: Setting, view: Box | None = 
         setting: gives the title and the land polygons.
         view: the part to draw; None: all of it.
     """
-    page = sheet.begin(SHEET)
+    page = sheet.begin_page(SHEET)
     network = found.network
     lon, lat = np.degrees(network.lon), np.degrees(network.lat)
     corners = np.concatenate(
@@ -78,5 +78,5 @@ def plot_network(found: Chart, path: Path, setting: Setting, view: Box | None = 
     count = (
         f"{len(network.name)} nodes, {network.start.size} lanes, {len(found.areas)} patrol areas"
     )
-    sheet.head(page, setting.imprint, count)
-    sheet.end(page, path, setting.imprint)
+    sheet.write_head(page, setting.imprint, count)
+    sheet.finish_page(page, path, setting.imprint)

@@ -40,7 +40,7 @@ ENDS = {
 }
 
 
-def work(case: Case, step: int, nodes: int = 0) -> str:
+def work_in_words(case: Case, step: int, nodes: int = 0) -> str:
     """Return the work of a run with a step [s] as text: steps, duration, disk and memory.
 
     nodes: total number of grid nodes of all ensemble members.
@@ -54,7 +54,7 @@ def work(case: Case, step: int, nodes: int = 0) -> str:
         divide.number(case, None, None),
     )
     if shards > 1:
-        text += f", in {shards:,} shards, with {notation.size(shelf.need(case, case.particles))} next to the results"
+        text += f", in {shards:,} shards, with {notation.format_bytes(shelf.need(case, case.particles))} next to the results"
     elif stored >= 1:
         text += f", {stored:,.0f} GiB in the temporary folder"
     memory = (
@@ -64,7 +64,7 @@ def work(case: Case, step: int, nodes: int = 0) -> str:
     return f"{text}; {max(memory / 2**30, 0.1):.1f} GiB of memory"
 
 
-def needs(case: Case, memory: float | None = None, shards: int | None = None) -> str | None:
+def shard_needs(case: Case, memory: float | None = None, shards: int | None = None) -> str | None:
     """Return the shards, disk and time of a run that exceeds the memory; None if it fits.
 
     Args:
@@ -75,7 +75,7 @@ def needs(case: Case, memory: float | None = None, shards: int | None = None) ->
     count = divide.number(case, memory, shards)
     if count == 1:
         return None
-    disk = notation.size(shelf.need(case, case.particles))
+    disk = notation.format_bytes(shelf.need(case, case.particles))
     lasting = _duration_in_words(case.particles / PACE)
     return (
         f"{case.particles:,} particles are moved in {count:,} shards. They need {disk} of disk "
@@ -85,16 +85,16 @@ def needs(case: Case, memory: float | None = None, shards: int | None = None) ->
     )
 
 
-def caution(case: Case) -> str | None:
+def caution_about_work(case: Case) -> str | None:
     """Return a caution if the step that a case states makes a lot of work; else None."""
     if case.step is None or -(-case.period.duration // case.step) * case.particles / PACE < LONG:
         return None
-    return f'clock.step = {case.step} s: {work(case, case.step)}; step = "auto" takes the longest that is exact enough'
+    return f'clock.step = {case.step} s: {work_in_words(case, case.step)}; step = "auto" takes the longest that is exact enough'
 
 
-def advised(case: Case, environment: Environment, setup: Start) -> str:
+def advice_on_step(case: Case, environment: Environment, setup: Start) -> str:
     """Return what step = "auto" would choose if the case's step makes a lot of work; else ""."""
-    if caution(case) is None:
+    if caution_about_work(case) is None:
         return ""
     spec = replace(run_setup.clock_spec(case), step=None)
     auto, _ = step_size.clock_of(
@@ -109,22 +109,22 @@ def advised(case: Case, environment: Environment, setup: Start) -> str:
     )
 
 
-def holes(case: Case, source: Source) -> str:
+def gaps_in_source(case: Case, source: Source) -> str:
     """Return the gaps between a source's times within the run as text; "" without gaps."""
     first, last = case.period.span
     gaps = [
-        (max(a, first), min(b, last)) for a, b in stream.holes_of(source) if a < last and b > first
+        (max(a, first), min(b, last)) for a, b in stream.data_gaps(source) if a < last and b > first
     ]
     usual = np.median(np.diff(source.times)) if gaps else None
     return "; ".join(
-        f"no data from {notation.group(a)} to {notation.group(b)}, {_interval_in_words(b - a)}, "
+        f"no data from {notation.format_dtg(a)} to {notation.format_dtg(b)}, {_interval_in_words(b - a)}, "
         "while its other times are "
         f"{_interval_in_words(usual)} apart"
         for a, b in gaps
     )
 
 
-def ends(case: Case, setup: Start) -> tuple[str, str]:
+def predict_final_statuses(case: Case, setup: Start) -> tuple[str, str]:
     """Predict the final statuses of a sample of particles, and the time of the first loss.
 
     The particles are moved with a coarse step.
@@ -164,7 +164,7 @@ def ends(case: Case, setup: Start) -> tuple[str, str]:
     if lost > 0:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)
         when = case.period.time(int(max(sampled.status_since.to_numpy()[gone].min(), 0)))
-        summary += f"; the first is lost about {notation.group(when)}"
+        summary += f"; the first is lost about {notation.format_dtg(when)}"
     rejection = (
         f"a run would be rejected at its end: about {notation.percent(lost)} of the probability is lost, at most {notation.hundredths(case.max_lost)} % is allowed (max_lost). "
         "Shorten it, add a source, or widen [domain]"

@@ -9,7 +9,7 @@ from typing import Any
 
 from drift.apps.cli import terminal
 
-WARNED = ("warning", "lost", "missed")  # first words of facts that --quiet prints as well
+QUIET_FACTS = ("warning", "lost", "missed")  # first words of facts that --quiet prints as well
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Answer:
     show: Callable[[], None] | None = None  # prints tables and other output before the facts
 
 
-def tell(answer: Answer, command: str, *, as_json: bool, quiet: bool) -> None:
+def print_answer(answer: Answer, command: str, *, as_json: bool, quiet: bool) -> None:
     """Print an answer on standard output; quiet: print only warnings, on standard error."""
     if as_json:
         folder = {} if answer.results is None else {"results": str(answer.results)}
@@ -37,7 +37,7 @@ def tell(answer: Answer, command: str, *, as_json: bool, quiet: bool) -> None:
         return
     if quiet:
         for name, fact in answer.facts.items():
-            if name.split()[0] in WARNED:
+            if name.split()[0] in QUIET_FACTS:
                 print(f"drift: {name}: {fact}", file=sys.stderr)
         return
     if answer.show is not None:
@@ -45,13 +45,13 @@ def tell(answer: Answer, command: str, *, as_json: bool, quiet: bool) -> None:
     if answer.title:
         terminal.print_facts(answer.title, dict(answer.facts))
     for line in answer.lines:
-        terminal.say(line)
+        terminal.print_line(line)
 
 
-def refuse(lines: list[str]) -> None:
+def print_json_errors(lines: list[str]) -> None:
     """Print error messages on standard output as JSON."""
     _json({"error": lines})
 
 
 def _json(value: Mapping[str, Any]) -> None:
-    terminal.say(json.dumps(value, allow_nan=False, ensure_ascii=False))
+    terminal.print_line(json.dumps(value, allow_nan=False, ensure_ascii=False))

@@ -9,11 +9,11 @@ from drift.products.files import interrupt
 
 def bridge(args: argparse.Namespace) -> Answer:
     """Estimate positions between known way points, and crossing times of lines."""
-    with interrupt.leaving_at_once():
+    with interrupt.exit_on_signal():
         if args.out is not None:
-            take.check_file(args.out, "--out", ".png")
+            take.check_writable_file(args.out, "--out", ".png")
         if args.geojson is not None:
-            take.check_file(args.geojson, "--geojson", ".geojson")
+            take.check_writable_file(args.geojson, "--geojson", ".geojson")
         from drift.case.tracking import bridge as bridge_file
         from drift.tracking.bridges import study, text
 
@@ -22,7 +22,7 @@ def bridge(args: argparse.Namespace) -> Answer:
     lines = []
     if args.geojson is not None:
         geojson = text.features(found)
-        take.replace(
+        take.write_and_replace(
             args.geojson, "--geojson", lambda half: half.write_text(geojson, encoding="utf-8")
         )
         lines.append(f"Areas in {args.geojson}")
@@ -32,10 +32,10 @@ def bridge(args: argparse.Namespace) -> Answer:
         from drift.version import __version__
         from geo.coast import shore
 
-        land = shore.land(problem.coast, bridge_map.box(found))
+        land = shore.read_land(problem.coast, bridge_map.box(found))
         attributes = {"casp-drift": __version__, "coast": land.source}
-        with page.literal():
-            take.replace(
+        with page.literal_text():
+            take.write_and_replace(
                 args.out,
                 "--out",
                 lambda half: bridge_map.plot_bridge(found, half, land.polygons, attributes),
@@ -46,19 +46,19 @@ def bridge(args: argparse.Namespace) -> Answer:
 
 def fit_bridge(args: argparse.Namespace) -> Answer:
     """Fit the spread rate of Brownian bridges to real tracks."""
-    with interrupt.leaving_at_once():  # nothing is written
-        error = None if args.error.strip() == "fit" else take.probable_error(args.error)
+    with interrupt.exit_on_signal():  # nothing is written
+        error = None if args.error.strip() == "fit" else take.parse_probable_error(args.error)
         every, gap = (
-            None if text is None else take.quantity(text, "s", option, "6 h")
+            None if text is None else take.parse_positive_quantity(text, "s", option, "6 h")
             for text, option in ((args.every, "--every"), (args.max_gap, "--max-gap"))
         )
         slowest = (
             0.0
             if args.min_speed is None
-            else take.quantity(args.min_speed, "m/s", "--min-speed", "5 kn")
+            else take.parse_positive_quantity(args.min_speed, "m/s", "--min-speed", "5 kn")
         )
-        fastest = take.quantity(args.max_speed, "m/s", "--max-speed", "60 kn")
-        without = None if args.without is None else take.box(args.without)
+        fastest = take.parse_positive_quantity(args.max_speed, "m/s", "--max-speed", "60 kn")
+        without = None if args.without is None else take.parse_box(args.without)
         from drift.assess.verify import reading
         from drift.tracking.bridges import fit, text
         from drift.tracking.bridges.stretches import Rules

@@ -10,7 +10,7 @@ from drift.apps.cli.answer import Answer
 from drift.products.files import interrupt
 
 
-def start(args: argparse.Namespace, out: Path, particles: int, elsewhere: bool) -> None:
+def start_backend(args: argparse.Namespace, out: Path, particles: int, elsewhere: bool) -> None:
     """Start the requested backend unless it is the CPU, so that a broken card is reported first.
 
     Prints in one line what --backend auto selects.
@@ -33,10 +33,10 @@ def start(args: argparse.Namespace, out: Path, particles: int, elsewhere: bool) 
         print(f"drift: --backend auto takes {args.backend}: {why}", file=sys.stderr)
     if args.backend != "cpu" and not elsewhere:
         runtime.start(args.backend, args.threads, particles)
-        say_choice(args)
+        print_backend_choice(args)
 
 
-def say_choice(args: argparse.Namespace) -> None:
+def print_backend_choice(args: argparse.Namespace) -> None:
     """Print what --backend auto selected and why; with --quiet print nothing."""
     from kernels.runtime import runtime
 
@@ -46,7 +46,7 @@ def say_choice(args: argparse.Namespace) -> None:
 
 def listed() -> Answer:
     """Return the graphics cards that drivers list, and the choice of --backend auto."""
-    with interrupt.leaving_at_once():  # nothing is written
+    with interrupt.exit_on_signal():  # nothing is written
         from kernels.runtime import devices, drivers
 
         found = [drivers.ask(backend) for backend in devices.CARDS]
@@ -77,7 +77,7 @@ def listed() -> Answer:
                 table.add_row(
                     backend.backend, name, device.kind, device.driver, device.memory, usable + note
                 )
-        terminal.show(table)
+        terminal.print_table(table)
 
     taken = choice.device.backend if choice.device else "cpu"
     threshold = (

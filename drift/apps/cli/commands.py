@@ -67,7 +67,7 @@ NO_LIBRARY = ": cannot open shared object file"
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
-    with errors.of_a_command():
+    with errors.naming_options():
         return _run(argv)
 
 
@@ -86,7 +86,7 @@ def _run(argv: Sequence[str] | None) -> int:
         with interrupt.ending_cleanly():
             return _dispatch(argv)
     except UserError as error:
-        lines = terminal.lines(error)
+        lines = terminal.printable_error_lines(error)
         for line in lines:
             print(f"drift: {line}", file=sys.stderr)
         return _failed(argv, 2, lines)
@@ -132,7 +132,7 @@ def _failed(argv: Sequence[str] | None, status: int, lines: list[str]) -> int:
     """
     if "--json" in (sys.argv[1:] if argv is None else argv):
         with suppress(UserError, BrokenPipeError):  # standard output may be closed
-            answer.refuse([line.removeprefix("drift: ") for line in lines])
+            answer.print_json_errors([line.removeprefix("drift: ") for line in lines])
     return status
 
 
@@ -142,18 +142,18 @@ def _dispatch(argv: Sequence[str] | None) -> int:
     if args.version:
         from importlib.metadata import version
 
-        terminal.say(f"drift {version('casp-drift')}")
+        terminal.print_line(f"drift {version('casp-drift')}")
         return 0
     if args.print_completion is not None:
         from drift.apps.cli import completion
 
-        terminal.say(completion.script(root, args.print_completion))
+        terminal.print_line(completion.script(root, args.print_completion))
         return 0
     if args.command is None:
         root.print_help()
         return 0
     result = COMMANDS[args.command](args)
-    answer.tell(result, args.command, as_json=args.json, quiet=args.quiet)
+    answer.print_answer(result, args.command, as_json=args.json, quiet=args.quiet)
     return result.status
 
 

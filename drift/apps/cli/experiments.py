@@ -12,8 +12,8 @@ from geo.errors import UserError
 
 def experiment(args: argparse.Namespace) -> Answer:
     """Run a case many times, in several variants, and report the spread of its figures."""
-    with interrupt.leaving_at_once():
-        changes = take.changed(args.changes)
+    with interrupt.exit_on_signal():
+        changes = take.parse_overrides(args.changes)
         if args.seed is not None:
             changes["seed"] = str(args.seed)
         parsed = [_variant(text) for text in args.variants]
@@ -40,7 +40,7 @@ def experiment(args: argparse.Namespace) -> Answer:
             overwrite=args.overwrite,
             tell=report,
         )
-    cards.say_choice(args)
+    cards.print_backend_choice(args)
     lines = (f"{found.runs:,} runs, each of {found.about}; seed {found.seed}", f"Results in {out}")
     return Answer(
         found.title,
@@ -53,8 +53,8 @@ def experiment(args: argparse.Namespace) -> Answer:
 
 def track(args: argparse.Namespace) -> Answer:
     """Estimate a target's track from its detections."""
-    with interrupt.leaving_at_once():
-        changes = take.changed(args.changes)
+    with interrupt.exit_on_signal():
+        changes = take.parse_overrides(args.changes)
         if args.seed is not None:
             changes["seed"] = str(args.seed)
         out = args.out or Path(f"{Path(args.case).stem}-track")
@@ -70,7 +70,7 @@ def track(args: argparse.Namespace) -> Answer:
             overwrite=args.overwrite,
             tell=report,
         )
-    cards.say_choice(args)
+    cards.print_backend_choice(args)
     lines = (f"Map in {out / 'track.png'}, all results in {out}",)
     return Answer(
         found.held.study.title,
@@ -87,11 +87,11 @@ def checked(args: argparse.Namespace) -> Answer:
     from drift.case.tracking import tracking
     from drift.tracking.tracker import said
 
-    changes = take.changed(args.changes)
+    changes = take.parse_overrides(args.changes)
     if args.seed is not None:
         changes["seed"] = str(args.seed)
     study = tracking.load(args.case, changes)
-    chase.check(study, chase.land())
+    chase.check_pursuit(study, chase.land())
     return Answer(
         f"{study.title}: ready to run", said.tracking_facts(study), numbers={"ready": True}
     )
@@ -105,6 +105,6 @@ def _variant(text: str) -> tuple[str, dict[str, str]]:
             f'--with "{text}" must be NAME: KEY=VALUE, several separated by ; like "wet: '
             'scenario.0.weight=0.2"'
         )
-    return name.strip(), take.changed(
+    return name.strip(), take.parse_overrides(
         [change.strip() for change in changes.split(";") if change.strip()], "--with"
     )

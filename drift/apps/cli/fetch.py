@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> Answer:
     if not 0 < args.timeout < 1e6:
         raise UserError(f"--timeout {args.timeout:g} must be a number of seconds above 0")
     area_and_span = fetching.ordered_span(
-        args.case, args.box, args.begin, args.end, take.changed(args.changes)
+        args.case, args.box, args.begin, args.end, take.parse_overrides(args.changes)
     )
     out = args.out or Path(f"{Path(args.case).stem}-{SUFFIX}" if args.case else SUFFIX)
     orders = fetching.orders(
@@ -95,8 +95,8 @@ def run(args: argparse.Namespace) -> Answer:
         own=args.catalogue,
         timeout=args.timeout,
     )
-    shipments = fetching.ship(orders, _print_note)
-    downloaded = fetching.there(out, shipments)
+    shipments = fetching.request_shipments(orders, _print_note)
+    downloaded = fetching.downloaded_parts(out, shipments)
     remaining = parts.missing(shipments, downloaded)
     box, begin, end = area_and_span
     facts = {
@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> Answer:
         _confirm_size(remaining, interactive=interactive)
     try:
         with progress.progress(quiet=not interactive) as report:
-            fetched = fetching.carry_out(
+            fetched = fetching.fetch_and_publish(
                 out, shipments, overwrite=args.overwrite, report=report, tell=_print_note
             )
     except BaseException as error:
@@ -151,7 +151,7 @@ def _list(own: Path | None) -> Answer:
         page = terminal.empty_table(*columns)
         for provider in providers:
             page.add_row(*(getattr(provider, column) for column in columns))
-        terminal.show(page)
+        terminal.print_table(page)
 
     return Answer(
         numbers={

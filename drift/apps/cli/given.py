@@ -15,7 +15,7 @@ from geo.errors import UserError
 FARTHEST = 20_000_000.0  # [m] no two points of the Earth are farther apart
 
 
-def case(
+def load_case(
     name: str,
     changes: Sequence[str],
     seed: int | None,
@@ -45,13 +45,13 @@ def case(
         raise UserError(
             f"the current folder no longer exists ({error.strerror}); change to one that does"
         ) from None
-    overrides = changed(changes, option)
+    overrides = parse_overrides(changes, option)
     if seed is not None:
         overrides["seed"] = str(seed)
     return case_file.load(name, overrides, along=along)
 
 
-def changed(changes: Sequence[str], option: str = "--set") -> dict[str, str]:
+def parse_overrides(changes: Sequence[str], option: str = "--set") -> dict[str, str]:
     """Return overrides by key, from texts KEY=VALUE."""
     overrides = {}
     for change in changes:
@@ -62,7 +62,7 @@ def changed(changes: Sequence[str], option: str = "--set") -> dict[str, str]:
     return overrides
 
 
-def quantity(text: str, unit: str, option: str, example: str) -> float:
+def parse_positive_quantity(text: str, unit: str, option: str, example: str) -> float:
     """Return the value of an option in SI units; raise UserError unless it is above zero."""
     from drift.case.values import units
 
@@ -75,19 +75,19 @@ def quantity(text: str, unit: str, option: str, example: str) -> float:
     return number
 
 
-def scale(args: argparse.Namespace) -> dict[str, Any]:
+def shard_options(args: argparse.Namespace) -> dict[str, Any]:
     """Return the options of a run that divide it into shards: memory [GiB] and shards."""
-    return {"memory": memory(args.memory), "shards": args.shards}
+    return {"memory": parse_memory(args.memory), "shards": args.shards}
 
 
-def memory(text: str | None) -> float | None:
+def parse_memory(text: str | None) -> float | None:
     """Return a size of memory [GiB]; None if the option is not given."""
     if text is None:
         return None
-    return quantity(text, "GiB", "--memory", "4 GB")
+    return parse_positive_quantity(text, "GiB", "--memory", "4 GB")
 
 
-def probable_error(text: str) -> float:
+def parse_probable_error(text: str) -> float:
     """Return the standard deviation [m] per component, from the radius with half of the errors."""
     from drift.case.values import units
 
@@ -102,9 +102,9 @@ def probable_error(text: str) -> float:
     return radius / math.sqrt(2 * math.log(2))
 
 
-def box(text: str) -> Any:
+def parse_box(text: str) -> Any:
     """Return the box of a text "west,south,east,north" [deg]."""
-    from geo.box import between
+    from geo.box import box_between
 
     try:
         west, south, east, north = (float(part) for part in text.split(","))
@@ -118,29 +118,29 @@ def box(text: str) -> Any:
             "the order is west,south,east,north"
         )
     try:
-        return between(west, south, east, north)
+        return box_between(west, south, east, north)
     except ValueError as error:
         raise UserError(f'--without "{text}": {error}') from None
 
 
-def drifters(args: argparse.Namespace) -> dict[str, Any]:
+def drifter_reading_options(args: argparse.Namespace) -> dict[str, Any]:
     """Return the options for reading a file of drifter tracks."""
     from drift.assess.verify import reading
 
     return {
         "columns": reading.mapped(args.columns),
-        "gap": quantity(args.max_gap, "s", "--max-gap", "3 h"),
-        "fastest": quantity(args.max_speed, "m/s", "--max-speed", "3 m/s"),
+        "gap": parse_positive_quantity(args.max_gap, "s", "--max-gap", "3 h"),
+        "fastest": parse_positive_quantity(args.max_speed, "m/s", "--max-speed", "3 m/s"),
         "ends_aground": args.ends_aground,
     }
 
 
-def along(columns: Mapping[str, str]) -> list[str]:
+def quantities_in_columns(columns: Mapping[str, str]) -> list[str]:
     """Return the quantities that columns of a drifter file provide, without repetition."""
     return list(dict.fromkeys(key.rpartition("_")[0] for key in columns))
 
 
-def check_file(path: Path, option: str, suffix: str) -> None:
+def check_writable_file(path: Path, option: str, suffix: str) -> None:
     """Raise UserError unless a file with this suffix can be written to this path."""
     folder = path.absolute().parent
     try:
@@ -160,7 +160,7 @@ def check_file(path: Path, option: str, suffix: str) -> None:
         raise UserError(f"{option} {path}: cannot write in {folder}; name another file")
 
 
-def replace(path: Path, option: str, write: Callable[[Path], object]) -> None:
+def write_and_replace(path: Path, option: str, write: Callable[[Path], object]) -> None:
     """Write a file under a temporary name beside its path, then move it into place.
 
     Raises UserError if it cannot be written.

@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> Answer:
         from drift.pipeline.shards import cluster
         from drift.products.files import publication, writer
 
-        options |= take.scale(args)
+        options |= take.shard_options(args)
         with cluster.connected(args.workers, args.cluster) as client:
             result = flow.run(case, out, client=client, resume=args.resume, **options)
     if result is None:
@@ -79,7 +79,7 @@ def plan(args: argparse.Namespace) -> Answer:
         from drift.planning.patrols import patrol
         from drift.planning.search import planner
 
-        options |= take.scale(args)
+        options |= take.shard_options(args)
         with cluster.connected(args.workers, args.cluster) as client:
             if case.processing:
                 from drift.planning.arrays import placement_text, processing_plan, processing_text
@@ -157,14 +157,17 @@ def compare(args: argparse.Namespace) -> Answer:
     with _prepared_run(args, "compare") as (case, out, options):
         from drift.assess.compare import contrast, text
 
-        with interrupt.leaving_at_once():
-            changes = {**take.changed(args.changes), **take.changed(args.changes_b, "--set-b")}
+        with interrupt.exit_on_signal():
+            changes = {
+                **take.parse_overrides(args.changes),
+                **take.parse_overrides(args.changes_b, "--set-b"),
+            }
             if args.other is None and not args.changes_b:
                 raise UserError(
                     "compare: nothing to compare with; name a second case, or change one by --set-b KEY=VALUE"
                 )
             overrides = [f"{key}={value}" for key, value in changes.items()]
-            other = take.case(args.other or args.case, overrides, args.seed)
+            other = take.load_case(args.other or args.case, overrides, args.seed)
         found = contrast.compare(case, other, out, plan=args.plan, **options)
     return Answer(
         found.title,
@@ -177,11 +180,11 @@ def compare(args: argparse.Namespace) -> Answer:
 
 def verify(args: argparse.Namespace) -> Answer:
     """Forecast real drifters from many starts and score the forecasts."""
-    drifters = take.drifters(args)
-    quantities = take.along(drifters["columns"])
+    drifters = take.drifter_reading_options(args)
+    quantities = take.quantities_in_columns(drifters["columns"])
     drifters |= {
-        "every": take.quantity(args.every, "s", "--every", "12 h"),
-        "error": take.quantity(args.error, "m", "--error", "100 m"),
+        "every": take.parse_positive_quantity(args.every, "s", "--every", "12 h"),
+        "error": take.parse_positive_quantity(args.error, "m", "--error", "100 m"),
         "hours": args.hours,
         "particles": args.particles,
     }
@@ -199,9 +202,14 @@ def verify(args: argparse.Namespace) -> Answer:
 
 def fit_errors(args: argparse.Namespace) -> Answer:
     """Fit a case's [uncertainty] to tracks of real drifters."""
-    drifters = take.drifters(args)
-    with interrupt.leaving_at_once():  # nothing is written
-        case = take.case(args.case, args.changes, args.seed, along=take.along(drifters["columns"]))
+    drifters = take.drifter_reading_options(args)
+    with interrupt.exit_on_signal():  # nothing is written
+        case = take.load_case(
+            args.case,
+            args.changes,
+            args.seed,
+            along=take.quantities_in_columns(drifters["columns"]),
+        )
         from drift.assess.verify import fitting, fitting_text
 
         fitted = fitting.fit_errors(case, args.drifters, held_out=args.hold_out, **drifters)
@@ -212,14 +220,14 @@ def fit_errors(args: argparse.Namespace) -> Answer:
 
 def check(args: argparse.Namespace) -> Answer:
     """Validate a case and its forcing without running."""
-    with interrupt.leaving_at_once():  # nothing is written
+    with interrupt.exit_on_signal():  # nothing is written
         from drift.case.tracking import tracking
 
         if tracking.is_one(args.case):
             from drift.apps.cli import experiments
 
             return experiments.checked(args)
-        case = take.case(args.case, args.changes, args.seed)
+        case = take.load_case(args.case, args.changes, args.seed)
         from drift.apps.check import check
 
         facts = check.check(case)
@@ -239,8 +247,8 @@ def _prepared_run(
 
     along: quantities that the case needs no sources for.
     """
-    with interrupt.leaving_at_once():
-        case = take.case(args.case, args.changes, args.seed, along=along)
+    with interrupt.exit_on_signal():
+        case = take.load_case(args.case, args.changes, args.seed, along=along)
         out = args.out or Path(f"{case.path.stem}-{kind}")
         if args.threads is not None and args.threads < 1:
             raise UserError(f"--threads {args.threads} must be at least 1")
@@ -256,20 +264,22 @@ def _prepared_run(
                 file=sys.stderr,
             )
 
-    scale = take.scale(args) if hasattr(args, "shards") else {}
+    scale = take.shard_options(args) if hasattr(args, "shards") else {}
     distributed = getattr(args, "workers", None) or getattr(args, "cluster", None)
-    with interrupt.leaving_at_once():
+    with interrupt.exit_on_signal():
         from drift.apps.cli import cards
 
-        cards.start(args, out, case.particles, bool(distributed))
-    needs = None if distributed else outlook.needs(case, scale.get("memory"), scale.get("shards"))
-    for caution in (outlook.caution(case), needs):
+        cards.start_backend(args, out, case.particles, bool(distributed))
+    needs = (
+        None if distributed else outlook.shard_needs(case, scale.get("memory"), scale.get("shards"))
+    )
+    for caution in (outlook.caution_about_work(case), needs):
         if caution:
             print(f"drift: {caution}", file=sys.stderr)
     with progress.progress(case, quiet=args.quiet) as show:
 
         def report(phase: str, share: float) -> None:
-            interrupt.heed()
+            interrupt.raise_if_interrupted()
             show(phase, share)
 
         options = {

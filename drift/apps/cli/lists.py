@@ -23,7 +23,7 @@ def cases(args: argparse.Namespace) -> Answer:
             table.add_row(name, title)
         for name, title in tracking:
             table.add_row(name, f"{title} (tracking)")
-        terminal.show(table)
+        terminal.print_table(table)
 
     titles = {"cases": shipped, "tracking_cases": tracking}
     numbers = {
@@ -56,7 +56,7 @@ def objects(args: argparse.Namespace) -> Answer:
     from drift.engine.motion import everyday, leeway
 
     words = " ".join(args.words)
-    classes = leeway.search(words)
+    classes = leeway.search_classes(words)
     if not classes:
         raise UserError(
             f'no leeway class contains "{words}"; list all: drift objects. If none fits, '
@@ -64,7 +64,7 @@ def objects(args: argparse.Namespace) -> Answer:
             'object = { windage = "3 %" }, or leeway coefficients of your own'
         )
     names = tuple(leeway.classes())
-    meant = ((word, everyday.meaning(word, names)) for word in everyday.parts(words))
+    meant = ((word, everyday.classes_of_word(word, names)) for word in everyday.split_words(words))
     notes = [f"{word}: {meaning.note}." for word, meaning in meant if meaning and meaning.note]
     seen: dict[str, list[str]] = {}
     for drifter in classes:
@@ -81,21 +81,21 @@ def objects(args: argparse.Namespace) -> Answer:
                 for line in (drifter.down, drifter.right, drifter.left)
             )
             table.add_row(drifter.name, "  " * drifter.level + drifter.description, *lines)
-        terminal.show(table)
+        terminal.print_table(table)
         if upwind := [
             f"{drifter.name} {drifter.lull:.1f}" for drifter in classes if drifter.lull > 0
         ]:
             listed = ", ".join(upwind)
-            terminal.say(
+            terminal.print_line(
                 f"Mean drift is upwind, as published, in winds below [m/s]: {listed} "
                 "(docs/leeway.md)."
             )
         for target, drifters in seen.items():
-            terminal.say(f"search_object of {_shortened(drifters)}: {target}")
+            terminal.print_line(f"search_object of {_shortened(drifters)}: {target}")
         for note in notes:
-            terminal.say(note)
+            terminal.print_line(note)
         if not words:
-            terminal.say(
+            terminal.print_line(
                 'Also: "water" for a pure water drifter, { windage = "3 %" } or coefficients of '
                 "your own in the case file."
             )
@@ -145,26 +145,26 @@ def info(args: argparse.Namespace) -> Answer:
         raise UserError(
             "give forcing files, or --backend to list graphics cards. See: drift info --help"
         )
-    with interrupt.leaving_at_once():  # nothing is written
+    with interrupt.exit_on_signal():  # nothing is written
         from geo.forcing import describe
 
         if args.plot is not None:
-            take.check_file(args.plot, "--plot", ".png")
+            take.check_writable_file(args.plot, "--plot", ".png")
         options: dict[str, Any] = {}
         if args.changes:
             from drift.case import file as case_file
             from drift.engine.environment import forcing_spec
 
-            changes = take.changed(args.changes)
+            changes = take.parse_overrides(args.changes)
             spec = case_file.source(args.quantity or "current", args.files, changes)
             options = forcing_spec.options(spec)
-        interpreted = describe.understand(args.files, args.quantity, **options)
+        interpreted = describe.open_quantities(args.files, args.quantity, **options)
         descriptions = [describe.describe(source) for source in interpreted]
         sketches = [] if args.json else [describe.sketch(source) for source in interpreted]
 
     def show() -> None:
         for lines, sketch in zip(descriptions, sketches, strict=True):
-            terminal.say("\n".join([*lines, *sketch]))
+            terminal.print_line("\n".join([*lines, *sketch]))
 
     numbers: dict[str, Any] = {
         "sources": [
@@ -206,16 +206,16 @@ def _plot_source(source: Any, path: Path) -> None:
     from geo import notation
     from geo.coast import shore
 
-    take.check_file(path, "--plot", ".png")
+    take.check_writable_file(path, "--plot", ".png")
     values, grid = source.read(0), source.grid
-    when = f", {notation.group(source.times[0])}" if source.times.size else ""
+    when = f", {notation.format_dtg(source.times[0])}" if source.times.size else ""
     title = f"{source.quantity} {source.name}{when}"
-    land = shore.land("gshhg", grid.box).polygons
+    land = shore.read_land("gshhg", grid.box).polygons
 
     def draw(half: Path) -> None:
         field.draw_field(
             half, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land
         )
 
-    with page.literal():
-        take.replace(path, "--plot", draw)
+    with page.literal_text():
+        take.write_and_replace(path, "--plot", draw)

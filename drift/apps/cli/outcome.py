@@ -16,7 +16,7 @@ from drift.spills.backtrack import text as origin_text
 from drift.spills.worlds import verdict
 from drift.spills.worlds.products import tables as washup_tables
 from geo import notation
-from geo.notation import NMI, group, position
+from geo.notation import NMI, format_dtg, position
 
 WORTH_A_WARNING = 0.01  # share of lost probability above which a line reports it
 ASHORE = 0.01  # share of a POS due to stranded particles above which it is reported separately
@@ -209,8 +209,8 @@ def plan(planned: Plan) -> Facts:
     for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True):
         facts[f"{name} {tasking.unit.name}"] = (
             f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, "
-            f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to "
-            f"{group(tasking.off_scene)[:6]}Z, POS {notation.percent(tasking.pos)}{_at_sea(tasking)}"
+            f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {tasking.spacing / NMI:.2f} nmi apart, on scene {format_dtg(tasking.on_scene)[:6]}Z to "
+            f"{format_dtg(tasking.off_scene)[:6]}Z, POS {notation.percent(tasking.pos)}{_at_sea(tasking)}"
         )
     if planned.idle:
         facts["not sent"] = ", ".join(planned.idle)
@@ -409,7 +409,7 @@ def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
 def _group(iso: str) -> str:
     """Return an ISO time of a results file as a date-time group; "never" for NaT."""
     time = np.datetime64(iso.removesuffix("Z"))
-    return "never" if np.isnat(time) else group(time)
+    return "never" if np.isnat(time) else format_dtg(time)
 
 
 def _coast(numbers: dict[str, Any]) -> Facts:

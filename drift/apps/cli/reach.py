@@ -12,8 +12,8 @@ from geo.errors import UserError
 
 def sensor(args: argparse.Namespace) -> Answer:
     """Map where a sensor of a case would detect a target."""
-    with interrupt.leaving_at_once():
-        case = take.case(args.case, args.changes, args.seed)
+    with interrupt.exit_on_signal():
+        case = take.load_case(args.case, args.changes, args.seed)
         label = re.sub(r"[^\w.-]+", "_", args.name)[:60]
         out = args.out or Path(f"{case.path.stem}-sensor-{label}")
         beams = None if args.beams is None else _beams(args.beams)

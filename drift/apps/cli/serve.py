@@ -79,6 +79,6 @@ def run(args: argparse.Namespace) -> Answer:
         memory=args.memory,
         backend=args.backend,
         browser=not args.no_browser,
-        say=terminal.say,
+        say=terminal.print_line,
     )
     return Answer()

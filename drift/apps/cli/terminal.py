@@ -9,7 +9,7 @@ from typing import Any
 from geo.errors import UserError
 
 
-def lines(error: UserError) -> list[str]:
+def printable_error_lines(error: UserError) -> list[str]:
     """Return the lines of an error, one per mistake, without unprintable letters and shortened."""
     return [_line(line) for line in error.lines]
 
@@ -38,7 +38,7 @@ def open_streams() -> None:
             stream.reconfigure(errors="replace")
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """Print a line on standard output at once; raise UserError if the stream rejects it."""
     try:
         print(text, flush=True)
@@ -67,13 +67,13 @@ def print_facts(title: str, facts: dict[str, str]) -> None:
         table.columns[0].max_width = max(console.width // 3, 16)
         console.print(title, overflow="fold")
     else:
-        say(title)
+        print_line(title)
     for name, fact in facts.items():
         table.add_row(name, fact)
-    show(table)
+    print_table(table)
 
 
-def show(table: Any) -> None:
+def print_table(table: Any) -> None:
     """Print a table of `rich`."""
     from rich.console import Console
 
@@ -83,7 +83,7 @@ def show(table: Any) -> None:
     # A pipe has no width: lines are not folded there, and trailing blanks are removed.
     page = io.StringIO()
     Console(file=page, highlight=False, markup=False, width=10_000, color_system=None).print(table)
-    say("\n".join(line.rstrip() for line in page.getvalue().splitlines()).strip("\n"))
+    print_line("\n".join(line.rstrip() for line in page.getvalue().splitlines()).strip("\n"))
 
 
 def empty_table(*headings: str) -> Any:

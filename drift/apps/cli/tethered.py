@@ -52,7 +52,7 @@ def enclose(cards: bool = False) -> None:
 
     cards: whether the command may use graphics cards, which are files.
     """
-    if (raised := fence.raised()) is not None:
+    if (raised := fence.current_fence()) is not None:
         specs = filter(None, map(importlib.util.find_spec, PACKAGES))
         program = [
             Path(location) for spec in specs for location in spec.submodule_search_locations or ()

@@ -36,10 +36,10 @@ def _land(run: Finished) -> tuple[Callable[[Box], Array], str]:
     told = str(run.forecast.attrs.get("coast", "none"))
     source = "gshhg" if told.startswith("GSHHG") else told
     try:
-        shore.land(source, Box(0.0, 0.0, 0.1, 0.1))
+        shore.read_land(source, Box(0.0, 0.0, 0.1, 0.1))
     except UserError:
         return lambda box: np.empty(0, object), f"Land is not drawn: {told} is not here. "
-    return lambda box: shore.land(source, box).polygons, ""
+    return lambda box: shore.read_land(source, box).polygons, ""
 
 
 def _as_in_a_run(run: Finished) -> xr.Dataset:

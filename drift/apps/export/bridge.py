@@ -28,11 +28,13 @@ def files(run: Finished) -> dict[str, bytes]:
     for route in routes:
         points = list(route.iter(f"{IN}rtept"))
         if not points:
-            raise checked.damaged(path, "a route has no points")
+            raise checked.damaged_file_error(path, "a route has no points")
         for point in points:
             lon, lat, time = point.get("lon"), point.get("lat"), point.findtext(f"{IN}time")
-            if not (checked.position(lon, lat) and checked.moment(time)):
-                raise checked.damaged(path, f"a point at lon {lon}, lat {lat} and time {time}")
+            if not (checked.is_position(lon, lat) and checked.is_time(time)):
+                raise checked.damaged_file_error(
+                    path, f"a point at lon {lon}, lat {lat} and time {time}"
+                )
     return {_name(route): _document(route, run).encode() for route in routes}
 
 

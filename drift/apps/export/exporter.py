@@ -64,7 +64,7 @@ def export(
         for name, contents in contents_by_name.items():
             (staging / name).write_bytes(contents)
 
-    return writer.whole(target, run.run, fill, overwrite=overwrite)
+    return writer.write_all_or_none(target, run.run, fill, overwrite=overwrite)
 
 
 def _format_files(run: Finished | Release, format: str) -> dict[str, bytes]:

@@ -10,7 +10,14 @@ import numpy as np
 import xarray as xr
 
 from drift.apps.export import checked
-from drift.apps.export.checked import Check, fraction, maybe, moment, number, words
+from drift.apps.export.checked import (
+    Check,
+    allow_missing,
+    is_finite_number,
+    is_fraction,
+    is_text,
+    is_time,
+)
 from drift.case.values import units
 from drift.products.files import publication
 from geo import notation
@@ -31,42 +38,49 @@ CELLS: Mapping[str, tuple[str, ...]] = {
 }
 # Checks of properties and columns by name, for the files of a run that are read.
 READ: Mapping[str, Mapping[str, Check]] = {
-    "contours.geojson": {"time": moment, "level": fraction, "area_nmi2": number},
+    "contours.geojson": {"time": is_time, "level": is_fraction, "area_nmi2": is_finite_number},
     "sorties.geojson": {
-        "kind": words,
-        "shape": words,
-        "time": maybe(moment),
-        "start": maybe(moment),
-        "end": maybe(moment),
+        "kind": is_text,
+        "shape": is_text,
+        "time": allow_missing(is_time),
+        "start": allow_missing(is_time),
+        "end": allow_missing(is_time),
     }
-    | {name: maybe(number) for name in ("poc", "pod", "pos", "belief")},
-    "plan.geojson": {"area": words, "unit": words, "shape": words, "pos": number}
-    | dict.fromkeys(("takeoff", "home", "on_scene", "off_scene"), moment),
+    | {name: allow_missing(is_finite_number) for name in ("poc", "pod", "pos", "belief")},
+    "plan.geojson": {"area": is_text, "unit": is_text, "shape": is_text, "pos": is_finite_number}
+    | dict.fromkeys(("takeoff", "home", "on_scene", "off_scene"), is_time),
     "washup.geojson": {
-        "name": words,
-        "position": words,
-        "access": words,
-        "rank": number,
-        "ever": number,
+        "name": is_text,
+        "position": is_text,
+        "access": is_text,
+        "rank": is_finite_number,
+        "ever": is_finite_number,
     }
-    | dict.fromkeys(("length_km", "number_10", "number_90", "expected", "probability"), number),
-    "patrols.geojson": {"patrol_unit": words, "time": moment, "stretch_id": words, "stretch": words}
-    | dict.fromkeys(("length_km", "detection", "found"), number),
+    | dict.fromkeys(
+        ("length_km", "number_10", "number_90", "expected", "probability"), is_finite_number
+    ),
+    "patrols.geojson": {
+        "patrol_unit": is_text,
+        "time": is_time,
+        "stretch_id": is_text,
+        "stretch": is_text,
+    }
+    | dict.fromkeys(("length_km", "detection", "found"), is_finite_number),
     "origin.geojson": {
-        "kind": words,
-        "time": maybe(moment),
-        "level": maybe(fraction),
-        "area_nmi2": maybe(number),
+        "kind": is_text,
+        "time": allow_missing(is_time),
+        "level": allow_missing(is_fraction),
+        "area_nmi2": allow_missing(is_finite_number),
     },
     "finds.csv": {
-        "time": moment,
-        "lon_deg": number,
-        "lat_deg": number,
-        "probability_beforehand": number,
-        "tail": number,
+        "time": is_time,
+        "lon_deg": is_finite_number,
+        "lat_deg": is_finite_number,
+        "probability_beforehand": is_finite_number,
+        "tail": is_finite_number,
     }
-    | {"none_of_ours": number}
-    | dict.fromkeys(("number", "name", "position", "stretch", "class", "by", "odd"), words),
+    | {"none_of_ours": is_finite_number}
+    | dict.fromkeys(("number", "name", "position", "stretch", "class", "by", "odd"), is_text),
 }
 
 
@@ -149,7 +163,7 @@ class Finished:
                 else []
             )
             if missing:
-                raise checked.damaged(
+                raise checked.damaged_file_error(
                     self.folder / "sorties.geojson", f"a {properties['kind']} has no {missing[0]}"
                 )
         return found
@@ -163,7 +177,7 @@ class Finished:
         )
         if not levels <= set(shares):
             strange = min(levels - set(shares))
-            raise checked.damaged(
+            raise checked.damaged_file_error(
                 self.folder / "contours.geojson", f"level {strange} is not a share of forecast.nc"
             )
         found = [
@@ -196,7 +210,7 @@ class Finished:
                 raise UserError(
                     f"results {self.folder}: forecast.nc has no {name} by {', '.join(dims)}; run the case again"
                 )
-        checked.within(
+        checked.reject_beyond_limits(
             path,
             self.forecast,
             {"lon": 720, "lat": 90, "probability": 1 + 1e-6, "containment": 1 + 1e-6},
@@ -220,7 +234,7 @@ class Finished:
                 raise UserError(
                     f"results {self.folder}: forecast.nc is damaged: {edges} are not cell edges; run the case again"
                 )
-            checked.within(path, self.forecast, {edges: most + 1})
+            checked.reject_beyond_limits(path, self.forecast, {edges: most + 1})
         return self.forecast
 
 
@@ -288,7 +302,7 @@ def open_result(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Fi
         )
     path = folder / "forecast.nc"
     forecast = checked.dataset(path, LARGE, FORECAST)
-    checked.within(
+    checked.reject_beyond_limits(
         path,
         forecast,
         {"mean_lat": 90, "datum_lat": 90, "mean_lon": 720, "datum_lon": 720, "share": 1},
@@ -310,7 +324,7 @@ def _chosen(outputs: Any, times: Sequence[str]) -> list[int]:
         # a date-time group has no seconds
         found = np.flatnonzero(minutes == time.astype("datetime64[m]")).tolist()
         if not found:
-            ends = f"{notation.group(outputs[0])} to {notation.group(outputs[-1])}"
+            ends = f"{notation.format_dtg(outputs[0])} to {notation.format_dtg(outputs[-1])}"
             raise UserError(
                 f'--time "{text}": there is no output in that minute; outputs go from {ends}, '
                 "see track.csv"

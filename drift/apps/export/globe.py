@@ -61,7 +61,7 @@ def _document(run: Finished) -> str:
         day = notation.iso(time)[:10]
         if day not in days:
             days[day] = kml.folder(document, f"Forecast {day}")
-        name = f"{notation.hundredths(share)} % {notation.group(time)}"
+        name = f"{notation.hundredths(share)} % {notation.format_dtg(time)}"
         description = (
             f"{run.words}. {notation.hundredths(share)} % area of "
             f"{properties['area_nmi2']:,.1f} nmi2"
@@ -142,7 +142,7 @@ def _tracks(document: ET.Element, run: Finished, spans: Mapping[str, tuple[str, 
         folder = kml.folder(document, words)
         for time, lon, lat in points:
             description = f"{words} {notation.position(lon, lat)}. {run.words}"
-            title = f"{name} {notation.group(time)}"
+            title = f"{name} {notation.format_dtg(time)}"
             kml.append_place(
                 folder, title, description, spans[notation.iso(time)], "", geojson.point(lon, lat)
             )

@@ -145,7 +145,7 @@ def _document(run: Finished, day: str) -> str:
     for time, lon, lat in run.positions("datum"):
         if notation.iso(time).startswith(day):
             name = f"D{names[time]}"
-            description = f"datum {notation.group(time)}, mean of those adrift"
+            description = f"datum {notation.format_dtg(time)}, mean of those adrift"
             gpx.point(root, "wpt", lon, lat, time=time, name=name, words=description, kind="datum")
     contacts = [
         feature for feature in _contacts(run) if str(feature["properties"]["time"]).startswith(day)
@@ -172,9 +172,7 @@ def _document(run: Finished, day: str) -> str:
         )
     for time, share, properties, lines in areas:
         percent = notation.hundredths(share)
-        description = (
-            f"{percent} % area {notation.group(time)}, {float(properties['area_nmi2']):,.1f} nmi2"
-        )
+        description = f"{percent} % area {notation.format_dtg(time)}, {float(properties['area_nmi2']):,.1f} nmi2"
         _lines(_track(root, f"{percent}% {names[time]}", description, "area"), lines)
     for feature in contacts:
         properties, shape = feature["properties"], feature["geometry"]
@@ -212,7 +210,7 @@ def _thin_areas(areas: list[Any]) -> tuple[float, list[Any]]:
     """
     for tolerance in TOLERANCES:
         found = [
-            (*area[:3], [thin for line in area[3] if len(thin := thinned(line, tolerance)) > 1])
+            (*area[:3], [thin for line in area[3] if len(thin := thin_line(line, tolerance)) > 1])
             for area in areas
         ]
         if sum(len(line) for area in found for line in area[3]) <= MOST:
@@ -220,7 +218,7 @@ def _thin_areas(areas: list[Any]) -> tuple[float, list[Any]]:
     return tolerance, found
 
 
-def thinned(line: Line, tolerance: float) -> Line:
+def thin_line(line: Line, tolerance: float) -> Line:
     """Return a line [deg] thinned to a tolerance [m] (Douglas and Peucker 1973).
 
     A closed line that is narrower than the tolerance is dropped: the result is empty.

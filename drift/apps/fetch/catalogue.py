@@ -187,13 +187,19 @@ def choose(
 
     It is the named one, else the first suitable one that needs no credentials.
     """
-    chosen = {}
+    chosen: dict[str, Provider] = {}
     for name in names:
         if name not in catalogue:
             raise UserError(
                 f"--provider {name}: no such provider. Known: {', '.join(catalogue)}. See: drift fetch --list"
             )
-        chosen[catalogue[name].quantity] = catalogue[name]
+        provider = catalogue[name]
+        other = chosen.setdefault(provider.quantity, provider)
+        if other.name != name:
+            raise UserError(
+                f"--provider {name}: {other.name} is named for the {provider.quantity} already; "
+                "name one provider for each quantity"
+            )
     errors = [
         f"{one.name} has no {' or '.join(quantities)}"
         for one in chosen.values()

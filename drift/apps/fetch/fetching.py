@@ -14,14 +14,14 @@ import numpy as np
 from drift.apps.fetch import catalogue, grib_filter, opendap, parts, toolbox
 from drift.apps.fetch.catalogue import Provider
 from drift.apps.fetch.order import Order, Shipment
-from drift.apps.fetch.parts import Report, patiently
+from drift.apps.fetch.parts import Report, retry
 from drift.case import file as case_file
 from drift.case.record import Case
 from drift.case.values import units
 from drift.engine.environment import domain
 from drift.pipeline import run_setup
 from drift.products.files import publication
-from geo.box import Box, between
+from geo.box import Box, box_between
 from geo.errors import UserError
 from geo.files import address
 from geo.forcing import level, sources
@@ -49,7 +49,7 @@ class Fetched:
     tables: str
 
 
-def reach(
+def area_and_span_of_case(
     case: str | os.PathLike[str] | Case, overrides: Mapping[str, str] | None = None
 ) -> tuple[Box, np.datetime64, np.datetime64]:
     """Return the domain and the span of a case, whose winds and currents may still be missing.
@@ -63,7 +63,7 @@ def reach(
     return box, min(case.start, case.end), max(case.start, case.end)
 
 
-def box_of(text: str) -> Box:
+def parse_box(text: str) -> Box:
     """Return the box of a text "west,south,east,north" [deg].
 
     East may be above 180, or less than west.
@@ -81,7 +81,7 @@ def box_of(text: str) -> Box:
             f'--box "{text}": south must be less than north, both in -90 to 90, longitudes in -360 to 540'
         )
     try:
-        return between(west, south, east, north)
+        return box_between(west, south, east, north)
     except ValueError as error:
         raise UserError(f'--box "{text}": {error}') from None
 
@@ -123,21 +123,21 @@ def now() -> np.datetime64:
     return np.datetime64("now", "s")
 
 
-def ship(ordered: Sequence[Order], tell: Callable[[str], None]) -> list[Shipment]:
+def request_shipments(ordered: Sequence[Order], tell: Callable[[str], None]) -> list[Shipment]:
     """Return the shipment of each order, after asking the providers for their datasets' shapes."""
-    return [patiently(partial(SHIP[order.provider.protocol], order), tell) for order in ordered]
+    return [retry(partial(SHIP[order.provider.protocol], order), tell) for order in ordered]
 
 
-def there(out: Path, shipments: Sequence[Shipment]) -> dict[str, str]:
+def downloaded_parts(out: Path, shipments: Sequence[Shipment]) -> dict[str, str]:
     """Return the parts that an interrupted fetch has left, as digests by key."""
     folder = parts.parts_folder(out, [shipment.order for shipment in shipments])
     if not folder.is_dir():
         return {}
-    with parts.kept(folder) as digests:
+    with parts.locked_parts(folder) as digests:
         return digests
 
 
-def carry_out(
+def fetch_and_publish(
     out: Path,
     shipments: Sequence[Shipment],
     *,
@@ -149,7 +149,7 @@ def carry_out(
     names = [name for shipment in shipments for name in _names(shipment)]
     publication.check(out, overwrite, [*names, TABLES])
     folder = parts.parts_folder(out, [shipment.order for shipment in shipments])
-    with parts.kept(folder) as digests:
+    with parts.locked_parts(folder) as digests:
         parts.fetch(folder, shipments, digests, report, tell)
         tables = _tables(out, shipments)
         for shipment in shipments:
@@ -301,13 +301,13 @@ def fetch(
         own=Path(catalogue) if catalogue is not None else None,
         timeout=timeout,
     )
-    shipments = ship(ordered, lambda line: None)
+    shipments = request_shipments(ordered, lambda line: None)
     size = sum(shipment.size for shipment in shipments)
     if size > largest:
         raise UserError(
             f"this is about {parts.size_in_words(size)}, more than the {parts.size_in_words(largest)} that `largest` allows"
         )
-    return carry_out(
+    return fetch_and_publish(
         Path(out), shipments, overwrite=overwrite, report=report or (lambda what, share: None)
     )
 
@@ -325,10 +325,12 @@ def ordered_span(
         raise UserError("give a case, or all of --box, --from and --to")
     # With box and times given, the case may be incomplete: it only gives the folder its name.
     area, first, last = (
-        reach(case, overrides) if case is not None and not complete else (None, None, None)
+        area_and_span_of_case(case, overrides)
+        if case is not None and not complete
+        else (None, None, None)
     )
     if box is not None:
-        area = box_of(box if isinstance(box, str) else ",".join(str(edge) for edge in box))
+        area = parse_box(box if isinstance(box, str) else ",".join(str(edge) for edge in box))
     assert area is not None
     return area, _parse_moment(begin, first, "--from"), _parse_moment(end, last, "--to")
 

@@ -17,7 +17,7 @@ import numpy as np
 from drift.apps.fetch.order import Order, Part, Shipment
 from geo.errors import UserError
 from geo.files import dataset, web
-from geo.files.web import Passing
+from geo.files.web import TemporaryError
 
 HOUR = np.timedelta64(3600, "s")
 TOGETHER = 12  # times in one part
@@ -107,11 +107,11 @@ def _make(addresses: list[str], order: Order, path: Path) -> None:
     try:
         with open(gathered, "wb") as file:
             for one in addresses:
-                content = web.get(one, order.timeout, LARGEST)
+                content = web.get_address(one, order.timeout, LARGEST)
                 if not content.startswith(b"GRIB"):
                     raise UserError(f'"{one}" sent no GRIB: {_start(content)}')
                 if not content.endswith(b"7777"):
-                    raise Passing(f'"{one}" sent half a message')
+                    raise TemporaryError(f'"{one}" sent half a message')
                 file.write(content)
         try:
             with (
@@ -121,7 +121,9 @@ def _make(addresses: list[str], order: Order, path: Path) -> None:
                 warnings.simplefilter("ignore")
                 data.to_netcdf(path, engine="netcdf4")
         except UserError as error:
-            raise Passing(f"{order.provider.name} sent GRIB that cannot be read: {error}") from None
+            raise TemporaryError(
+                f"{order.provider.name} sent GRIB that cannot be read: {error}"
+            ) from None
     finally:
         gathered.unlink(missing_ok=True)
 

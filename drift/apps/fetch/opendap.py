@@ -21,7 +21,7 @@ from drift.apps.fetch.order import Order, Part, Shipment
 from drift.apps.fetch.window import Window
 from geo.errors import UserError
 from geo.files import address, dap
-from geo.files.web import Passing
+from geo.files.web import TemporaryError
 from geo.forcing.times import clock
 from geo.grids import naming
 
@@ -147,7 +147,7 @@ def _header(one: str, timeout: float) -> Header:
         store = address.Store(line, timeout)
         variables, attributes = store.get_variables(), store.get_attrs()
     except UserError as error:
-        raise Passing(str(error)) from None
+        raise TemporaryError(str(error)) from None
     finally:
         line.close()
     return Header(one, variables, attributes, grids, timeout)

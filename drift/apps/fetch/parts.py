@@ -25,7 +25,7 @@ from drift.products.files import hidden, interrupt, manifest
 from geo import waiting
 from geo.errors import UserError
 from geo.files import dataset
-from geo.files.web import Passing
+from geo.files.web import TemporaryError
 from geo.forcing.times import clock
 
 PREFIX = ".drift-fetch-"
@@ -39,13 +39,13 @@ T = TypeVar("T")
 Report = Callable[[str, float], None]  # (name of the provider, share of all parts that is done)
 
 
-def patiently(attempt: Callable[[], T], tell: Callable[[str], None]) -> T:
+def retry(attempt: Callable[[], T], tell: Callable[[str], None]) -> T:
     """Return the result of an attempt; repeat it after temporary failures, up to a limit."""
     until = time.monotonic() + PATIENCE
     for number in range(1, ATTEMPTS + 1):
         try:
             return attempt()
-        except Passing as error:
+        except TemporaryError as error:
             pause = PAUSE * 2 ** (number - 1)
             if number == ATTEMPTS or time.monotonic() + pause > until:
                 raise UserError(
@@ -60,8 +60,8 @@ def patiently(attempt: Callable[[], T], tell: Callable[[str], None]) -> T:
 def _wait(seconds: float) -> None:
     until = time.monotonic() + seconds
     while (left := until - time.monotonic()) > 0:
-        interrupt.heed()
-        waiting.heed()
+        interrupt.raise_if_interrupted()
+        waiting.check_wait()
         time.sleep(min(left, waiting.POLL))
 
 
@@ -75,7 +75,7 @@ def parts_folder(out: Path, orders: Sequence[Order]) -> Path:
 
 
 @contextmanager
-def kept(folder: Path) -> Iterator[dict[str, str]]:
+def locked_parts(folder: Path) -> Iterator[dict[str, str]]:
     """Yield the stored parts, as digests by key, while the folder is locked against other runs."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -83,7 +83,7 @@ def kept(folder: Path) -> Iterator[dict[str, str]]:
         raise UserError(
             f"cannot keep parts in {folder.parent}: {error.strerror}; name another folder with --out"
         ) from None
-    with hidden.alone(folder, 0.0) as free:
+    with hidden.folder_lock(folder, 0.0) as free:
         if not free:
             raise UserError(
                 "another `drift fetch` is already downloading this request; wait for it to finish or stop it"
@@ -138,7 +138,7 @@ def fetch(
         if part.key in there:
             continue
         try:
-            patiently(partial(_fetch_part, folder, shipment.order, part), tell)
+            retry(partial(_fetch_part, folder, shipment.order, part), tell)
         except OSError as error:
             if error.errno in (errno.ENOSPC, errno.EDQUOT):
                 raise _disk_full_error(folder, number, len(parts)) from None
@@ -166,7 +166,7 @@ def _fetch_part(folder: Path, order: Order, part: Part) -> None:
             raise OSError(errno.ENOSPC, "disk full") from None
         if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
             raise
-        raise Passing(
+        raise TemporaryError(
             f"a part of {order.provider.name} could not be written or read back ({error})"
         ) from None
     os.replace(draft, path(folder, part.key))
@@ -187,14 +187,14 @@ def _check_part(draft: Path, order: Order, part: Part) -> None:
                 None,
             )
             if time is None or len(fields) < 2:
-                raise Passing(f"a part of {name} came without its times or components")
+                raise TemporaryError(f"a part of {name} came without its times or components")
             decoded, _ = clock.decode(xr.Dataset({time: data[time].variable}), str(time))
             if part.times is not None and not np.array_equal(np.atleast_1d(decoded), part.times):
-                raise Passing(f"a part of {name} came with other times than were asked for")
+                raise TemporaryError(f"a part of {name} came with other times than were asked for")
             for variable in fields:  # reading all values reveals a truncated file
                 variable.values  # noqa: B018
     except UserError as error:
-        raise Passing(f"a part of {name} is incomplete ({error})") from None
+        raise TemporaryError(f"a part of {name} is incomplete ({error})") from None
 
 
 def _write_list(folder: Path, there: dict[str, str]) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from drift.apps.fetch.order import Order, Part, Shipment
 from geo import waiting
 from geo.errors import UserError
-from geo.files.web import Passing
+from geo.files.web import TemporaryError
 
 PROGRAM = "copernicusmarine"
 ADVICE = "pip install -e '.[fetch]' in the folder of drift's source"
@@ -79,7 +79,7 @@ def _make(arguments: list[str], path: Path) -> None:
     ]
     _run_toolbox([*arguments, *target, "--overwrite"], LONGEST)
     if not path.is_file():
-        raise Passing(f"{PROGRAM} succeeded but wrote nothing")
+        raise TemporaryError(f"{PROGRAM} succeeded but wrote nothing")
 
 
 def _size(printed: str) -> float:
@@ -116,9 +116,9 @@ def _run_toolbox(arguments: list[str], longest: float) -> str:
                 out, errors = child.communicate(timeout=waiting.POLL)
                 break
             except subprocess.TimeoutExpired:
-                waiting.heed()
+                waiting.check_wait()
                 if time.monotonic() > until:
-                    raise Passing(f"{PROGRAM} did not finish within {longest:g} s") from None
+                    raise TemporaryError(f"{PROGRAM} did not finish within {longest:g} s") from None
     finally:
         if child.poll() is None:
             if os.name == "posix":
@@ -142,4 +142,4 @@ def _run_toolbox(arguments: list[str], longest: float) -> str:
         for word in ("exceed", "out of bounds", "outofbounds", "not found", "does not exist")
     ):
         raise UserError(f"{PROGRAM}: {last}")
-    raise Passing(f"{PROGRAM} failed ({last})")
+    raise TemporaryError(f"{PROGRAM} failed ({last})")

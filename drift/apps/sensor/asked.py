@@ -98,10 +98,13 @@ def _time(case: Case, time: object, sortie: Sortie | None, assumed: Assumed) -> 
     if time is None:
         if sortie is not None and not sortie.start <= case.start <= sortie.end:
             assumed.append(
-                ("time", f'{notation.group(sortie.start)}, the start of sortie "{sortie.name}"')
+                (
+                    "time",
+                    f'{notation.format_dtg(sortie.start)}, the start of sortie "{sortie.name}"',
+                )
             )
             return sortie.start
-        assumed.append(("time", f"{notation.group(case.start)}, the start of the case"))
+        assumed.append(("time", f"{notation.format_dtg(case.start)}, the start of the case"))
         return case.start
     try:
         return units.resolve(units.time(time), case.start)
@@ -141,8 +144,8 @@ def _place(
         if not sortie.start <= when <= sortie.end:
             raise UserError(
                 f'sensor "{sensor.name}": sortie "{sortie.name}" carries it from '
-                f"{notation.group(sortie.start)} to "
-                f"{notation.group(sortie.end)}, not at {notation.group(when)}; give --time "
+                f"{notation.format_dtg(sortie.start)} to "
+                f"{notation.format_dtg(sortie.end)}, not at {notation.format_dtg(when)}; give --time "
                 "within, or --at"
             )
         place, course = _position_on_legs(sortie.legs, float(notation.epoch(when)))
@@ -273,4 +276,4 @@ def _nearest_time_remark(times: NDArray[np.datetime64], when: np.datetime64) -> 
     if not times.size or times[0] <= when <= times[-1]:
         return ""
     edge, which = (times[0], "first") if when < times[0] else (times[-1], "last")
-    return f"as at {notation.group(edge)}, its {which} time"
+    return f"as at {notation.format_dtg(edge)}, its {which} time"

@@ -7,7 +7,7 @@ from typing import Any
 
 from drift.apps.sensor import files, text
 from drift.apps.sensor.records import Reach
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Imprint
 
 
@@ -33,7 +33,9 @@ FILES: dict[str, Callable[[SensorOutputs, Stamped], Contents]] = {
 PICTURES: dict[str, Callable[[SensorOutputs, Path], None]] = {"sensor.png": _map}
 
 
-def chapter(outputs: SensorOutputs, attributes: dict[str, str]) -> Chapter:
+def chapter(outputs: SensorOutputs, attributes: dict[str, str]) -> OutputBundle:
     """Return the outputs of `drift sensor`."""
     numbers = {"sensor": text.summary_of_reach(outputs.found)}
-    return Chapter(numbers, bound(FILES, outputs), bound(PICTURES, outputs), facts=attributes)
+    return OutputBundle(
+        numbers, bind_outputs(FILES, outputs), bind_outputs(PICTURES, outputs), facts=attributes
+    )

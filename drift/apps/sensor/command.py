@@ -68,7 +68,7 @@ def _write(case: Case, found: Reach, folder: Path, overwrite: bool) -> None:
         "range.",
         {**attributes, "run_id": formats.run_id(attributes)},
     )
-    land = coastline.lands(None, case.coast)
+    land = coastline.land_reader(None, case.coast)
     writer.write(
         folder,
         [chapter.chapter(chapter.SensorOutputs(found, imprint, land), attributes)],

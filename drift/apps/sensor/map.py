@@ -51,7 +51,7 @@ def plot_reach(
     height = HIGH + TOP + 1.55
     left = 0.55 / width
     characters = 105 if has_excess else 48
-    page_drawn = sheet.begin(
+    page_drawn = sheet.begin_page(
         Sheet(
             width,
             height,
@@ -66,7 +66,7 @@ def plot_reach(
         )
     )
     question = found.question
-    sheet.head(page_drawn, imprint, _capitalized(text.described(question)), *_terms(question))
+    sheet.write_head(page_drawn, imprint, _capitalized(text.described(question)), *_terms(question))
     frame = _frame(found)
     x, y = (np.linspace(*side, PIXELS + 1) for side in (frame.x, frame.y))
     seen = _pixels(question, frame, x, y)
@@ -108,8 +108,8 @@ def plot_reach(
         handlelength=2.4,
         labelspacing=0.3,
     )
-    with page.literal():
-        sheet.end(page_drawn, path, imprint)
+    with page.literal_text():
+        sheet.finish_page(page_drawn, path, imprint)
 
 
 def _capitalized(words: str) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from drift.apps.sensor.records import Looked, Question, Reach
 from drift.evidence.sensors import grid_pod, hearing, unknown
-from drift.evidence.sensors.hearing import Ear
+from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import PodGrid
 from geo import sphere
 from geo.array import Array
@@ -54,12 +54,12 @@ def look(question: Question, lon: Array, lat: Array) -> Looked:
     if isinstance(sees, PodGrid):
         return Looked(np.asarray(grid_pod.chance(sees, at, question.time, lon, lat)), None)
     source = np.array(question.level)
-    excess = hearing.over(
-        Ear(sees, question.beams), at, question.heading, question.time, lon, lat, source
+    excess = hearing.signal_excess_of_sources(
+        Receiver(sees, question.beams), at, question.heading, question.time, lon, lat, source
     )
     values, shares = unknown.offsets(sees.unknown, sees.fluctuation)
     pod = sum(
-        share * hearing.chance(sees, excess + value)
+        share * hearing.instantaneous_pod(sees, excess + value)
         for value, share in zip(values, shares, strict=True)
     )
     return Looked(np.asarray(pod), np.where(np.isfinite(excess), excess, np.nan))
@@ -76,7 +76,7 @@ def _horizon(question: Question) -> float:
     """Return a range [m] beyond which nothing is detected."""
     sees = question.sensor.sees
     if not isinstance(sees, PodGrid):
-        return min(float(Ear(sees, question.beams).ranges[-1]), MOST)
+        return min(float(Receiver(sees, question.beams).ranges[-1]), MOST)
     if sees.range is not None:
         return min(float(sees.range[-1]), MOST)
     assert sees.lon is not None
@@ -125,7 +125,7 @@ def zones(ranges: Array, pod: Array) -> list[tuple[float, float]]:
     return found
 
 
-def order(found: Reach) -> Array:
+def bearings_by_range(found: Reach) -> Array:
     """Return the bearings [deg], shape (360,), in descending order of range.
 
     Among equal ranges the higher mean probability of detection comes first.

@@ -24,15 +24,15 @@ def reach_facts(found: Reach) -> dict[str, str]:
         facts[f"{pod} out to"] = spread(found.farthest)
         if np.any(found.unbroken < found.farthest - 1.0):
             facts[f"{pod} without a gap to"] = spread(found.unbroken)
-        order = reaching.order(found)
+        order = reaching.bearings_by_range(found)
         first, last = int(order[0]), int(order[-1])
-        if alike(found):
+        if is_omnidirectional(found):
             facts["bearings"] = "all equal"
         else:
             facts["best bearing"] = f"{first:03d}, to {miles(found.farthest[first])}"
             facts["worst bearing"] = f"{last:03d}, to {miles(found.farthest[last])}"
         middle = median(found)
-        facts["zones" if alike(found) else f"zones on {middle:03d}"] = ", ".join(
+        facts["zones" if is_omnidirectional(found) else f"zones on {middle:03d}"] = ", ".join(
             f"{a / NMI:.1f} to {b / NMI:.1f} nmi" for a, b in zones(found, middle)
         )
     return facts | {f"assumed, {name}": words for name, words in question.assumed}
@@ -40,7 +40,7 @@ def reach_facts(found: Reach) -> dict[str, str]:
 
 def described(question: Question) -> str:
     """Describe the position, time, heading and beams of a look."""
-    words = [f"at {notation.stated_position(*question.place)}", notation.group(question.time)]
+    words = [f"at {notation.stated_position(*question.place)}", notation.format_dtg(question.time)]
     if question.has_array:
         words.append(f"array on {round(math.degrees(question.heading)) % 360:03d}")
     return ", ".join([*words, *([listened(question)] if listened(question) else [])])
@@ -57,7 +57,7 @@ def listened(question: Question) -> str:
     return f"beam{'s' * (len(question.beams) > 1)} {', '.join(str(beam + 1) for beam in question.beams)} of {many}"
 
 
-def alike(found: Reach) -> bool:
+def is_omnidirectional(found: Reach) -> bool:
     """Return True if the detection is the same on all bearings."""
     return bool(np.ptp(found.around.pod, axis=0).max() < 1e-4)
 
@@ -87,7 +87,7 @@ def spread(ranges: Array) -> str:
 
 def summary_of_reach(found: Reach) -> dict[str, Any]:
     """Return the reach for programs; names end in the unit."""
-    question, order, middle = found.question, reaching.order(found), median(found)
+    question, order, middle = found.question, reaching.bearings_by_range(found), median(found)
     sonar = question.sonar
     return {
         "name": question.sensor.name,

@@ -52,7 +52,7 @@ def save(folder: Path, name: str, text: str, before: str | None) -> str:
     before: the digest when it was read; None for a case that must not exist yet. Raises Conflict if
     the file has changed since then, and OSError if another server keeps the folder locked.
     """
-    with hidden.alone(folder, PATIENCE) as free:  # else two servers may both pass the check
+    with hidden.folder_lock(folder, PATIENCE) as free:  # else two servers may both pass the check
         if not free:
             raise OSError(errno.EBUSY, "another program is writing to this folder; try again")
         return _write_case(folder, name, text.encode("utf-8"), before)

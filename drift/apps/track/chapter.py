@@ -7,7 +7,7 @@ from typing import Any
 
 from drift.apps.track import files
 from drift.apps.track.record import Chased, Regained
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Imprint
 
 
@@ -38,8 +38,10 @@ PATHS: dict[str, Callable[[TrackOutputs, Stamped], Contents]] = {  # if there is
 PICTURES: dict[str, Callable[[TrackOutputs, Path], None]] = {"track.png": _map}
 
 
-def chapter(outputs: TrackOutputs, attributes: dict[str, str]) -> Chapter:
+def chapter(outputs: TrackOutputs, attributes: dict[str, str]) -> OutputBundle:
     """Return the outputs of `drift track`."""
     numbers = {"track": files.summary_of_track(outputs.found)}
     written = {**FILES, **(PATHS if isinstance(outputs.found.chased, Chased) else {})}
-    return Chapter(numbers, bound(written, outputs), bound(PICTURES, outputs), facts=attributes)
+    return OutputBundle(
+        numbers, bind_outputs(written, outputs), bind_outputs(PICTURES, outputs), facts=attributes
+    )

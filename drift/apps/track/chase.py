@@ -29,10 +29,10 @@ Land = Callable[[Box], Any]  # returns the polygons of land in a box [deg]
 
 def land() -> Land:
     """Return the function that gives the land polygons that a vessel avoids."""
-    return coastline.lands(None, Coast("gshhg", "strand"))
+    return coastline.land_reader(None, Coast("gshhg", "strand"))
 
 
-def check(study: Study, land: Land) -> None:
+def check_pursuit(study: Study, land: Land) -> None:
     """Raise UserError if a pursuit starts or ends on land."""
     pursuit_spec = study.pursuit
     if pursuit_spec is None:
@@ -53,7 +53,7 @@ def check(study: Study, land: Land) -> None:
         raise UserError(*errors)
 
 
-def chased(study: Study, land: Land, coast: DeviceCoast | None) -> Chased | Failed | None:
+def plan_pursuit(study: Study, land: Land, coast: DeviceCoast | None) -> Chased | Failed | None:
     """Return the path that a case asks for, or why there is none.
 
     Args:

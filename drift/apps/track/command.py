@@ -59,13 +59,15 @@ def track(
             f'{study.name}, or give detections = "file.csv"'
         )
     land = chase.land()
-    chase.check(study, land)
+    chase.check_pursuit(study, land)
     runtime.start(backend, threads, 1 + holding.OTHERS)
     with runtime.alone():
         coast = shore.of_study(study)
         held = holding.hold(study, coast, partial(tell, "following"))
         tell("path", 0.0)
-        found = Regained(held, chase.chased(study, land, None if coast is None else coast.device))
+        found = Regained(
+            held, chase.plan_pursuit(study, land, None if coast is None else coast.device)
+        )
     if folder is not None:
         tell("writing", 0.0)
         _write(found, folder, overwrite, land)

@@ -72,7 +72,7 @@ def path_gpx(found: Regained, run: str) -> str:
     for k, time in enumerate(chased.found.path.time):
         when = text.moment(found, time)
         gpx_file.point(
-            way, "rtept", float(lon[k]), float(lat[k]), time=when, name=notation.group(when)
+            way, "rtept", float(lon[k]), float(lat[k]), time=when, name=notation.format_dtg(when)
         )
     return markup.document_text(root)
 
@@ -142,7 +142,7 @@ def gpx(found: Regained, run: str) -> str:
         if inside[k]:
             when = text.moment(found, one.time)
             gpx_file.point(
-                root, "wpt", float(lon[k]), float(lat[k]), time=when, name=notation.group(when)
+                root, "wpt", float(lon[k]), float(lat[k]), time=when, name=notation.format_dtg(when)
             )
     track = ET.SubElement(root, "trk")
     markup.leaf(track, "name", "estimated track")
@@ -160,7 +160,7 @@ def areas(found: Regained, attributes: Stamped) -> dict[str, Any]:
         when = text.moment(found, one.time)
         for share, region in found.held.areas[found.held.row(one.time)].items():
             properties = {
-                "name": f"{notation.hundredths(share)} % area {notation.group(when)}",
+                "name": f"{notation.hundredths(share)} % area {notation.format_dtg(when)}",
                 "time": notation.iso(when),
                 "probability": share,
                 "area_nmi2": float(f"{region.area / NMI**2:.4g}"),

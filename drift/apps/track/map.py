@@ -41,7 +41,7 @@ def plot_track(
 
     land: returns the land polygons [deg] in a box.
     """
-    page_drawn = sheet.begin(
+    page_drawn = sheet.begin_page(
         Sheet(
             WIDTH,
             HEIGHT,
@@ -53,7 +53,7 @@ def plot_track(
         )
     )
     study = found.held.study
-    sheet.head(
+    sheet.write_head(
         page_drawn,
         imprint,
         f"{study.methods[0].name}: {study.size:,} particles, {len(found.held.sweeps):,} sweeps and times",
@@ -91,8 +91,8 @@ def plot_track(
         handlelength=2.2,
         labelspacing=0.7,
     )
-    with page.literal():
-        sheet.end(page_drawn, path, imprint)
+    with page.literal_text():
+        sheet.finish_page(page_drawn, path, imprint)
 
 
 def _places(found: Regained) -> tuple[Array, Array]:
@@ -212,7 +212,7 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
     held = found.held
     for one, colour in zip(held.shown, colours, strict=True):
         when, cloud, regions = (
-            notation.group(text.moment(found, one.time)),
+            notation.format_dtg(text.moment(found, one.time)),
             one.cloud,
             held.areas[held.row(one.time)],
         )

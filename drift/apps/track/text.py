@@ -30,11 +30,11 @@ def track_facts(found: Regained) -> dict[str, str]:
     assert isinstance(detections, Detections)
     sensor = held.study.sensors[int(detections.sensor[-1])].name
     facts = {
-        "last detection": f"{notation.group(moment(found, detections.time[-1]))} by {sensor}; {len(detections.time)} in all"
+        "last detection": f"{notation.format_dtg(moment(found, detections.time[-1]))} by {sensor}; {len(detections.time)} in all"
     }
     for one in held.shown:
         when = moment(found, one.time)
-        minute = notation.group(when)
+        minute = notation.format_dtg(when)
         facts[notation.iso(when) if minute in facts else minute] = _state(found, one)
     if found.chased is not None:
         facts["path"] = "none" if isinstance(found.chased, Failed) else _path(found, found.chased)
@@ -57,10 +57,10 @@ def _lost(found: Regained, losses: Sequence[Loss]) -> str:
     each: dict[str, list[str]] = {}
     for loss in losses:
         who = " and ".join(
-            f"{sensor.name} (within {notation.number(sensor.reach / NMI)} nmi, grace {notation.lasting(sensor.grace)})"
+            f"{sensor.name} (within {notation.number(sensor.reach / NMI)} nmi, grace {notation.format_duration(sensor.grace)})"
             for sensor in loss.sensors
         )
-        each.setdefault(who, []).append(notation.group(moment(found, loss.time)))
+        each.setdefault(who, []).append(notation.format_dtg(moment(found, loss.time)))
     silent = "; ".join(f"{', '.join(times)} by {who}" for who, times in each.items())
     since = (
         "found again since, but without the earlier information on course and speed: "
@@ -80,7 +80,7 @@ def _repopulated(found: Regained) -> str:
     held = found.held
     filling = held.study.methods[0].filling
     each = ", ".join(
-        f"{notation.group(moment(found, float(time)))} ({notation.short_percent(left)})"
+        f"{notation.format_dtg(moment(found, float(time)))} ({notation.short_percent(left)})"
         for time, left in zip(held.time[held.anew], held.left[held.anew], strict=True)
     )
     return (
@@ -102,7 +102,7 @@ def _warnings(found: Regained) -> list[str]:
         astray = one.holding if one.cloud is None else holding.OTHERS - one.holding
         if astray:
             warnings.append(
-                f"at {notation.group(moment(found, one.time))} {astray} of {holding.OTHERS} "
+                f"at {notation.format_dtg(moment(found, one.time))} {astray} of {holding.OTHERS} "
                 "clouds with other random numbers hold "
                 f"{'a' if one.cloud is None else 'no'} track: the result depends on chance, use "
                 "more particles"
@@ -118,7 +118,7 @@ def _warnings(found: Regained) -> list[str]:
     ]
     if without_water.size:
         times = ", ".join(
-            dict.fromkeys(notation.group(moment(found, float(time))) for time in without_water)
+            dict.fromkeys(notation.format_dtg(moment(found, float(time))) for time in without_water)
         )
         warnings.append(
             f"no track is held from {times} on, as there is no water in the box of the "
@@ -132,8 +132,8 @@ def _warnings(found: Regained) -> list[str]:
     if study.pursuit is not None and study.logged and known > study.pursuit.begin + 1:
         warnings.append(
             "the path is planned on what was known at its start, "
-            f"{notation.group(moment(found, study.pursuit.begin))}, but the tracker's log "
-            f"continues until {notation.group(moment(found, known))}: looks since then only "
+            f"{notation.format_dtg(moment(found, study.pursuit.begin))}, but the tracker's log "
+            f"continues until {notation.format_dtg(moment(found, known))}: looks since then only "
             "affect the track; remove begin"
         )
     return warnings
@@ -141,7 +141,7 @@ def _warnings(found: Regained) -> list[str]:
 
 def _rough(found: Regained, one: Shown) -> list[str]:
     """Return which areas at a time differ between clouds with other random numbers."""
-    when, doubts_found = notation.group(moment(found, one.time)), []
+    when, doubts_found = notation.format_dtg(moment(found, one.time)), []
     for share, (low, high) in one.sizes.items():
         which = f"that of {notation.hundredths(share)} % at {when}"
         if one.within.get(share, share) < share - ASTRAY:
@@ -180,7 +180,7 @@ def _path(found: Regained, chased: Chased) -> str:
     """Return what share of the cloud a path meets, as text."""
     chase = found.held.study.pursuit
     assert chase is not None
-    until = notation.group(moment(found, chased.found.path.time[-1]))
+    until = notation.format_dtg(moment(found, chased.found.path.time[-1]))
     own, other = chased.found.met[-1], chased.judged[-1]
     near = f"within {notation.number(chase.reach / NMI)} nmi"
     if chase.to is None:
@@ -193,7 +193,7 @@ def _path(found: Regained, chased: Chased) -> str:
         else f"; {notation.short_percent(other)} on a check cloud"
     )
     replanned = [
-        notation.group(moment(found, chase.times[step])) for step in chased.found.plans[1:]
+        notation.format_dtg(moment(found, chase.times[step])) for step in chased.found.plans[1:]
     ]
     return words + (f"; replanned at {', '.join(replanned)}" if replanned else "")
 

@@ -1,1 +1,1 @@
-"""Two cases on common random numbers: what differs, and how sure that is."""
+"""Compare two cases on common random numbers: their differences and standard errors."""

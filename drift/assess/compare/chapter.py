@@ -1,6 +1,4 @@
-"""What a comparison hands out: maps and figures as netCDF, figures as a table, words, and a
-picture.
-"""
+"""The output files of a comparison: compare.nc, compare.csv, compare.txt and compare.png."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -11,38 +9,40 @@ from drift.assess.compare import text
 from drift.assess.compare.record import Contrast
 from drift.pipeline import run_metadata
 from drift.pipeline.run_options import Job
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.products.report.leaves import Leaf
 
 
 @dataclass(frozen=True)
 class ComparisonOutputs:
-    """What the files and pictures are made from."""
+    """The inputs of the comparison's files and picture."""
 
     contrast: Contrast
     setting: Setting  # of case A, with the title of both
 
 
-def _map(matter: ComparisonOutputs, path: Path) -> None:
-    # imported here, for Matplotlib takes a second
+def _plot(outputs: ComparisonOutputs, path: Path) -> None:
+    # imported here because Matplotlib takes a second
     from drift.assess.compare import map as contrast_map
 
-    contrast_map.plot_comparison(matter.contrast, path, matter.setting)
+    contrast_map.plot_comparison(outputs.contrast, path, outputs.setting)
 
 
 FILES: dict[str, Callable[[ComparisonOutputs, Stamped], Contents]] = {
-    "compare.nc": lambda matter, stamped: matter.contrast.data,
-    "compare.csv": lambda matter, stamped: text.comparison_csv(matter.contrast, stamped["run_id"]),
-    "compare.txt": lambda matter, stamped: text.page(matter.contrast),
+    "compare.nc": lambda outputs, stamped: outputs.contrast.data,
+    "compare.csv": lambda outputs, stamped: text.comparison_csv(
+        outputs.contrast, stamped["run_id"]
+    ),
+    "compare.txt": lambda outputs, stamped: text.page(outputs.contrast),
 }
 PICTURES: dict[str, Callable[[ComparisonOutputs, Path], None]] = {
-    "compare.png": _map,
+    "compare.png": _plot,
 }
 
 
 def setting(found: Contrast, jobs: tuple[Job, Job]) -> Setting:
-    """Return what the pictures of a comparison show; jobs: of A and of B."""
+    """Return the map setting of a comparison; jobs: of A and of B."""
     on = run_metadata.setting(jobs[0].case, jobs[0].where)
     caution = run_metadata.caution(jobs[0].case) or run_metadata.caution(jobs[1].case)
     imprint = replace(
@@ -64,9 +64,9 @@ def _attributes(found: Contrast, jobs: tuple[Job, Job]) -> dict[str, str]:
     }
 
 
-def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[Chapter]:
-    """Return the chapters of a comparison; jobs: of A and of B."""
-    matter = ComparisonOutputs(found, setting(found, jobs))
+def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[OutputBundle]:
+    """Return the output bundle of a comparison; jobs: of A and of B."""
+    outputs = ComparisonOutputs(found, setting(found, jobs))
     warnings = tuple(
         f"{name}: {words}"
         for name, result in (("A", found.a), ("B", found.b))
@@ -78,15 +78,15 @@ def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[Chapter]:
         "b": found.b.summary,
         "warnings": list(warnings),
     }
-    told = (partial(_leaves, found, [run_metadata.setting(job.case, job.where) for job in jobs]),)
+    leaves = (partial(_leaves, found, [run_metadata.setting(job.case, job.where) for job in jobs]),)
     return [
-        Chapter(
+        OutputBundle(
             numbers,
-            bound(FILES, matter),
-            bound(PICTURES, matter),
+            bind_outputs(FILES, outputs),
+            bind_outputs(PICTURES, outputs),
             _attributes(found, jobs),
             warnings,
-            told,
+            leaves,
         )
     ]
 

@@ -1,7 +1,4 @@
-"""The contents of compare.nc:
-
-CF-1.11 maps of both cases and their difference, and every figure by time.
-"""
+"""The contents of compare.nc: CF-1.11 maps of both cases and their difference, and all figures."""
 
 from collections.abc import Sequence
 
@@ -14,11 +11,11 @@ from geo.cells import Cells
 
 MAP = ("time", "lat", "lon")
 SMOOTHING = (
-    "one smoothing for both cases, so that a difference is of the particles: these maps differ a little from those of "
-    "drift run"
+    "both cases are smoothed with the same kernels, so that a difference comes from the particles: "
+    "these maps differ a little from those of drift run"
 )
-GROUPED = f"from {GROUPS} groups of particles: it errs by about an eighth itself"
-# By name: meaning, comment. In the order of drift.assess.compare.maps.Maps.
+GROUPED = f"estimated from {GROUPS} groups of particles; its own error is about 13 %"
+# Long name and comment of each map, in the order of drift.assess.compare.maps.Maps.
 MAPS: dict[str, tuple[str, str]] = {
     "probability_a": (
         "probability that the object is in the cell, adrift or ashore, in case A",
@@ -28,24 +25,29 @@ MAPS: dict[str, tuple[str, str]] = {
         "probability that the object is in the cell, adrift or ashore, in case B",
         SMOOTHING,
     ),
-    "difference": ("probability in case B less that in case A", SMOOTHING),
-    "difference_error": ("standard error of the difference, of chance alone", GROUPED),
+    "difference": ("probability in case B minus that in case A", SMOOTHING),
+    "difference_error": ("standard error of the difference (sampling only)", GROUPED),
 }
-TEXTS = {"quantity": "what the figure is", "name": "of what it is", "unit": "unit of the figure"}
+TEXTS = {
+    "quantity": "quantity of the figure",
+    "name": "scenario, status, area, sortie or stretch of the figure",
+    "unit": "unit of the figure",
+}
 NUMBERS = {
-    "a": "the figure in case A; NaN where only the difference has a meaning",
-    "b": "the figure in case B; NaN where only the difference has a meaning",
-    "difference": "that of B less that of A",
-    "error": "standard error of the difference, of chance alone",
+    "a": "the figure in case A; NaN where only the difference is meaningful",
+    "b": "the figure in case B; NaN where only the difference is meaningful",
+    "difference": "the figure of B minus that of A",
+    "error": "standard error of the difference (sampling only)",
 }
 
 
 def build_comparison(
     times: Sequence[np.datetime64], grid: Cells, maps: Sequence[Maps], rows: Sequence[Difference]
 ) -> xr.Dataset:
-    """Return the maps at each output of both cases, and the figures, one in each row of `figure`."""
+    """Return the maps at each common output time, and the figures along the dimension `figure`."""
     values = [
-        np.stack([getattr(one, name) for one in maps]) for name in ("a", "b", "difference", "error")
+        np.stack([getattr(maps_at_time, name) for maps_at_time in maps])
+        for name in ("a", "b", "difference", "error")
     ]
     data: dict[str, tuple[Sequence[str], object, dict[str, str]]] = {
         name: (

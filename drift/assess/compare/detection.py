@@ -1,4 +1,4 @@
-"""What each sortie of a run was worth, and the influence of every unit on it."""
+"""The POS of each sortie of a run, and the influence of each sampling unit on it."""
 
 from dataclasses import dataclass, field
 
@@ -14,15 +14,13 @@ from drift.planning.search.records import Plan
 
 @dataclass
 class Log:
-    """Sorties of a run as they take effect: log probability that they fail, and each unit's
-    influence on it.
-    """
+    """The sorties of a run: log probability that each fails, and each unit's influence on it."""
 
     units: Units
     found: dict[str, Figure] = field(default_factory=dict)
 
     def note(self, update: Update, columns: Columns) -> None:
-        """Take a sortie down, by what drift.evidence.filter.account.Noted is given."""
+        """Record a sortie; this is the update callback of drift.evidence.filter.account."""
         if update.kind != "sortie":
             return
         unit = columns.whole("lineage") if "lineage" in columns else np.arange(columns.blocks.n)
@@ -33,7 +31,7 @@ class Log:
         self.found[update.name] = Figure(float(update.log_evidence[-1]), failed - flown)
 
     def figures(self, names: tuple[str, ...]) -> Figures:
-        """Return the POS of some sorties, and of all that were flown; of none where there are none."""
+        """Return the POS of the named sorties, and the cumulative POS of all sorties of the run."""
         found: Figures = {("POS", name, "1"): _pos([self.found[name]]) for name in names}
         if self.found:
             found["cumulative POS", "all", "1"] = _pos(list(self.found.values()))
@@ -41,7 +39,7 @@ class Log:
 
 
 def of_plan(log: Log, plan: Plan) -> Figures:
-    """Return the POS of a plan, by the log of the run in which it was executed and found nothing."""
+    """Return the POS of a plan, from the log of the run that executed it without success."""
     return {
         ("POS of the next plan", "all", "1"): _pos(
             [log.found[tasking.sortie.name] for tasking in plan.taskings]
@@ -50,8 +48,6 @@ def of_plan(log: Log, plan: Plan) -> Figures:
 
 
 def _pos(sorties: list[Figure]) -> Figure:
-    """Return the probability that any of some sorties finds the object: 1 - product of those that
-    they fail.
-    """
+    """Return the probability that any of the sorties detects the object: 1 - product of misses."""
     fail = float(np.exp(sum(figure.value for figure in sorties)))
     return Figure(1 - fail, -fail * np.sum([figure.influence for figure in sorties], axis=0))

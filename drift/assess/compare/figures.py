@@ -1,4 +1,4 @@
-"""Figures of a run at one output, each with the influence of every unit on it."""
+"""Figures of a run at one output time, each with the influence of every sampling unit on it."""
 
 from typing import Any
 
@@ -12,20 +12,18 @@ from drift.forecast.build import Forecast
 from geo import notation, sphere
 from geo.array import Array
 
-SHIFT = ("mean, east", "mean, north")  # quantities that are told from the mean of the first run
+SHIFT = ("mean, east", "mean, north")  # quantities relative to the mean position of the first run
 
 Figures = dict[tuple[str, str, str], Figure]  # by quantity, name and unit
 
 
 def shares(snapshot: Snapshot, names: tuple[str, ...], units: Units) -> Figures:
-    """Return the probability of each status, and of each scenario where there are several; names:
-    of scenarios.
-    """
+    """Return the probability of each status, and of each of several scenarios (`names`)."""
     unit, p = units.of(snapshot), snapshot.probability
 
-    def share(those: Array) -> Figure:
-        value = float(p[those].sum())
-        return Figure(value, summed(unit, p * (those - value), units))
+    def share(selected: Array) -> Figure:
+        value = float(p[selected].sum())
+        return Figure(value, summed(unit, p * (selected - value), units))
 
     found = {("status", s.name.lower(), "1"): share(snapshot.status == s) for s in Status}
     if len(names) > 1:
@@ -36,23 +34,22 @@ def shares(snapshot: Snapshot, names: tuple[str, ...], units: Units) -> Figures:
 
 
 def position(snapshot: Snapshot, units: Units, origin: tuple[float, float]) -> Figures:
-    """Return how far east and north [m] of an origin (lon, lat) [deg] the mean of what is on the
-    map is.
+    """Return how far the mean position is east and north of an origin (lon, lat) [deg], in [m].
 
-    It is the vector mean. A particle pulls it by its own share of the sum of vectors, in the
-    tangent plane of the mean.
+    It is the vector mean of the mapped particles. The influence of a particle is its share of the
+    sum of vectors, in the tangent plane of the mean.
     """
     unit, weight = units.of(snapshot), np.where(mapped(snapshot), snapshot.probability, 0.0)
     if not weight.any():
-        nothing = Figure(np.nan, np.zeros(units.size))
-        return {(name, "all", "m"): nothing for name in SHIFT}
+        unknown = Figure(np.nan, np.zeros(units.size))
+        return {(name, "all", "m"): unknown for name in SHIFT}
     vectors = np.stack(sphere.vector(snapshot.lon * sphere.UNIT, snapshot.lat * sphere.UNIT))
-    x, y, z = whole = vectors @ weight
+    x, y, z = total = vectors @ weight
     lon, lat = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
     east = np.array([-np.sin(lon), np.cos(lon), 0.0])
     north = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
     away = sphere.offset(np.radians(origin[0]), np.radians(origin[1]), lon, lat)
-    scale = sphere.RADIUS / float(np.sqrt(whole @ whole))
+    scale = sphere.RADIUS / float(np.sqrt(total @ total))
     return {
         (name, "all", "m"): Figure(
             float(apart), summed(unit, weight * (along @ vectors) * scale, units)
@@ -62,12 +59,12 @@ def position(snapshot: Snapshot, units: Units, origin: tuple[float, float]) -> F
 
 
 def areas(snapshot: Snapshot, forecast: Forecast, time: int, units: Units) -> Figures:
-    """Return the areas [m2] that hold the shares asked for, at an output (index).
+    """Return the containment areas [m2] of the case's shares at an output (`time`: its index).
 
-    The area that holds a share s is that of the densest cells, cut at the density t at which as
-    much of the probability lies inside. A particle inside lets the cut rise, one outside lets it
-    fall: its influence is (s - inside) / t, by its weight (generalised quantiles: Einmahl and Mason
-    1992, doi:10.1214/aos/1176348670).
+    The area of share s consists of the densest cells, cut at the density t where they hold s of the
+    probability. A particle inside lets the cut rise, one outside lets it fall. The influence is its
+    weight times (s - inside) / t (generalised quantiles: Einmahl and Mason 1992,
+    doi:10.1214/aos/1176348670).
     """
     unit, weight = units.of(snapshot), np.where(mapped(snapshot), snapshot.probability, 0.0)
     at = forecast.data.isel(time=time)
@@ -80,21 +77,26 @@ def areas(snapshot: Snapshot, forecast: Forecast, time: int, units: Units) -> Fi
     for share, size in zip(at["share"].values, at["containment_area"].values, strict=True):
         influence = np.zeros(units.size)
         if np.isfinite(size) and total > 0:
-            pull = weight / total * (share - (inside <= share)) / (_cut(at, float(share)) / total)
+            pull = (
+                weight
+                / total
+                * (share - (inside <= share))
+                / (_edge_density(at, float(share)) / total)
+            )
             influence = summed(unit, pull, units)
         found["area", f"{notation.hundredths(share)} %", "m2"] = Figure(float(size), influence)
     return found
 
 
-def _cut(at: Any, share: float) -> float:
-    """Return the density [1/m2] at the edge of the area that holds a share, at one output of a
-    forecast.
-    """
-    held, p = (
+def _edge_density(at: Any, share: float) -> float:
+    """Return the density [1/m2] at the edge of the area of a share, at one output of a forecast."""
+    containment_of_cell, p = (
         at["containment"].values.ravel().astype(np.float64),
         at["probability"].values.ravel().astype(np.float64),
     )
     cells = p > 0
-    order = np.argsort(held[cells], kind="stable")
+    order = np.argsort(containment_of_cell[cells], kind="stable")
     density = p[cells] / at["cell_area"].values.ravel()[cells]
-    return float(np.exp(np.interp(share, held[cells][order], np.log(density[order]))))
+    return float(
+        np.exp(np.interp(share, containment_of_cell[cells][order], np.log(density[order])))
+    )

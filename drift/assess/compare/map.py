@@ -1,7 +1,7 @@
 """The picture of a comparison: A, B and B - A side by side, on one extent.
 
-The difference is told without colour too: solid lines run round what B has more, dashed ones round
-what it has less, and what chance may have made is not shaded.
+The difference is readable without colour: solid lines surround where B has more, dashed lines where
+B has less. Differences within two standard errors are not shaded.
 """
 
 from pathlib import Path
@@ -41,16 +41,16 @@ SHEET = Sheet(
 )
 WIDE, HIGH, LOW = 0.3, 0.575, 0.225  # of a panel, and its lower edge
 LEFT = (0.035, 0.36, 0.685)
-# the ends of PuOr, orange and violet: two hues that no one confuses
+# the ends of PuOr, orange and violet: colour-blind readers can distinguish them too
 MORE, LESS = "#7f3b08", "#2d004b"
 COLOURS = "PuOr_r"
-LEVELS = (0.25, 0.6)  # of the largest difference, where lines run
+LEVELS = (0.25, 0.6)  # contour levels, as shares of the largest difference
 SURE = 2.0  # standard errors from which a difference is shaded
 
 
 def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
     """Draw the maps of the last output of both cases."""
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     at = found.data.isel(time=-1)
     density = {
         name: 100 * at[name].values.astype(np.float64) / (at["cell_area"].values / NMI**2)
@@ -64,7 +64,7 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
         zip(panels, ("probability_a", "probability_b"), (found.a, found.b), strict=False)
     ):
         _panel(ax, frame, land, setting, first=k == 0)
-        shown = np.where(_holding(at[name].values, density[name]), density[name], np.nan)
+        shown = np.where(_shaded_cells(at[name].values, density[name]), density[name], np.nan)
         mesh = layers.shade(ax, frame, result.forecast, shown, PowerNorm(0.5, 0, top))
         last = result.forecast.data["time"].values[-1]
         outlines = layers.areas_of(result.forecast, last, result.forecast.ends)
@@ -81,7 +81,7 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
         0.1, 0.142, f"A and B: probability density [% per {unit}]", fontsize=8, color=INK
     )
     _difference(on, panels[2], frame, land, setting, found, density, top)
-    when = notation.group(found.times[-1])
+    when = notation.format_dtg(found.times[-1])
     east, north = (next(iter(found.at(found.times[-1], name))) for name in SHIFT)
     shift = (
         ""
@@ -95,7 +95,7 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
         f"{row.name} area {text.difference_in_words(row)}"
         for row in found.at(found.times[-1], "area")
     )
-    sheet.head(
+    sheet.write_head(
         on,
         setting.imprint,
         f"Valid {when}{shift}",
@@ -105,13 +105,11 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
         a, b = found.given
         words = f"A and B given {a}" if a == b else f"A given {a}, B given {b}"
         on.figure.text(0.965, 0.865, words, fontsize=9, color=INK, ha="right")
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
-def _holding(probability: Array, density: Array) -> Array:
-    """Return the densest cells that hold as much of the probability as maps shade, bool (nlat,
-    nlon).
-    """
+def _shaded_cells(probability: Array, density: Array) -> Array:
+    """Return the cells to shade, bool (nlat, nlon): the densest, up to the shaded share."""
     order = np.argsort(-density, axis=None, kind="stable")
     inside = np.cumsum(probability.ravel()[order], dtype=np.float64)
     shown = np.zeros(density.size, bool)
@@ -120,7 +118,7 @@ def _holding(probability: Array, density: Array) -> Array:
 
 
 def _frame(found: Contrast, setting: Setting) -> Frame:
-    """Return the frame that shows what is shaded of both, and what is marked."""
+    """Return the frame that holds the shaded cells of both cases, and the marks."""
     aspect = WIDE * SHEET.width / (HIGH * SHEET.height)
     lon, lat = [], []
     for result in (found.a, found.b):
@@ -134,7 +132,7 @@ def _frame(found: Contrast, setting: Setting) -> Frame:
 
 
 def _panel(ax: Axes, frame: Frame, land: Outline | None, setting: Setting, first: bool) -> None:
-    """Draw what all three maps have."""
+    """Draw what all three maps have in common."""
     chart.prepare(ax, frame)
     chart.draw_land(ax, land)
     chart.graticule(ax, frame, lines=3, size=7, labels=(True, first))
@@ -156,8 +154,9 @@ def _difference(
     density: dict[str, Array],
     top: float,
 ) -> None:
-    """Draw B - A, its lines and its scale, which ends where that of A and B does: along a shore
-    differences are larger.
+    """Draw B - A with its contours and its colour scale.
+
+    The scale ends where that of A and B does, because differences along a shore can be much larger.
     """
     _panel(ax, frame, land, setting, first=False)
     change, error = density["difference"], density["difference_error"]

@@ -1,10 +1,9 @@
-"""Maps of two runs with one smoothing, so that their difference is of the particles and not of the
-kernels.
+"""Maps of two runs with the same smoothing, so that their difference comes from the particles.
 
-Kernels are as wide as the particles of both together want them, with as many in each as the maps of
-the two runs alone have on average (drift.forecast.density); a map is linear in the particles once
-they are given. So the difference is a sum over units, and its error comes from their groups (random
-groups: Wolter 2007, doi:10.1007/978-0-387-35099-8).
+The width of the kernels is chosen for the particles of both runs together, with as many in each
+kernel as the maps of the two runs alone have on average (drift.forecast.density). With the kernels
+fixed, a map is linear in the particles. So the difference is a sum over units, and its error comes
+from groups of them (random groups: Wolter 2007, doi:10.1007/978-0-387-35099-8).
 """
 
 from dataclasses import dataclass
@@ -23,9 +22,7 @@ from geo.cells import Cells
 
 @dataclass(frozen=True)
 class Maps:
-    """Probability in each cell of a grid in two runs, and the difference with its standard error;
-    (nlat, nlon).
-    """
+    """Probability by cell in two runs, the difference and its standard error; each (nlat, nlon)."""
 
     a: Array
     b: Array
@@ -34,67 +31,78 @@ class Maps:
 
 
 @dataclass(frozen=True)
-class _Laid:
-    """What a snapshot leaves in cells that hold any particle of either run: weights by group of
-    units and medium.
-    """
+class _Deposit:
+    """The mapped particles of a snapshot, by cell, medium and group of units."""
 
-    cell: Array  # (n,) of each particle on the map, flat
+    cell: Array  # (n,) flat index of each mapped particle's cell
     medium: Array  # (n,) 1 ashore, where kernels follow the shore; 0 elsewhere
     group: Array  # (n,)
     weight: Array  # (n,)
-    total: Array  # (GROUPS,) probability of each group, on the map or not
+    total: Array  # (GROUPS,) probability of each group, mapped or not
 
 
-def _laid(snapshot: Snapshot, units: Units, grid: Cells) -> _Laid:
+def _deposit(snapshot: Snapshot, units: Units, grid: Cells) -> _Deposit:
     group = units.group[units.of(snapshot)]
-    cell = np.where(mapped(snapshot), cells.index(snapshot.lon, snapshot.lat, grid), -1)
+    cell = np.where(mapped(snapshot), cells.index_of_cells(snapshot.lon, snapshot.lat, grid), -1)
     on = cell >= 0
     medium = (snapshot.status[on] == Status.ASHORE).astype(np.int64)
     total = np.bincount(group, snapshot.probability, GROUPS)
-    return _Laid(cell[on], medium, group[on], snapshot.probability[on], total)
+    return _Deposit(cell[on], medium, group[on], snapshot.probability[on], total)
 
 
 def maps(
     a: Snapshot, b: Snapshot, units: Units, grid: Cells, land: Array | None, per_kernel: float
 ) -> Maps:
-    """Return the maps of two snapshots of one time, whose particles come in pairs.
+    """Return the maps of two snapshots of the same time, whose particles come in pairs.
 
-    land: bool (nlat, nlon); None where there is none. per_kernel: effective particles in a kernel.
+    Args:
+        a: snapshot of run A.
+        b: snapshot of run B.
+        units: the independent units of both runs.
+        grid: grid of the maps.
+        land: which cells are land, bool (nlat, nlon); None if none is.
+        per_kernel: effective particles in a kernel.
+
+    Returns:
+        Probability in A and B, their difference and its standard error, each (nlat, nlon).
     """
-    laid = _laid(a, units, grid), _laid(b, units, grid)
-    held = np.unique(np.concatenate([one.cell for one in laid]))
-    if not held.size:
+    deposits = _deposit(a, units, grid), _deposit(b, units, grid)
+    occupied = np.unique(np.concatenate([one.cell for one in deposits]))
+    if not occupied.size:
         nothing = np.zeros(grid.shape)
         return Maps(nothing, nothing, nothing, nothing)
-    media = 1 + max(int(one.medium.max(initial=0)) for one in laid)
+    media = 1 + max(int(one.medium.max(initial=0)) for one in deposits)
 
-    def mass(one: _Laid) -> Array:
-        code = (one.group * media + one.medium) * held.size + np.searchsorted(held, one.cell)
-        return np.bincount(code, one.weight, GROUPS * media * held.size).reshape(
-            GROUPS, media, held.size
+    def mass(one: _Deposit) -> Array:
+        code = (one.group * media + one.medium) * occupied.size + np.searchsorted(
+            occupied, one.cell
+        )
+        return np.bincount(code, one.weight, GROUPS * media * occupied.size).reshape(
+            GROUPS, media, occupied.size
         )
 
-    def squares(one: _Laid) -> Array:
-        code = one.medium * held.size + np.searchsorted(held, one.cell)
-        return np.bincount(code, one.weight**2, media * held.size).reshape(media, held.size)
+    def squares(one: _Deposit) -> Array:
+        code = one.medium * occupied.size + np.searchsorted(occupied, one.cell)
+        return np.bincount(code, one.weight**2, media * occupied.size).reshape(media, occupied.size)
 
-    masses = mass(laid[0]), mass(laid[1])
+    masses = mass(deposits[0]), mass(deposits[1])
     pooled = (masses[0] + masses[1]).sum(axis=0) / 2
-    # A cell that both fill counts as one run's does, one that only either fills as half of that.
-    both = (squares(laid[0]) + squares(laid[1])) / 2
-    where = media_of(areas.Deposits(held, pooled[None], both[None], pooled[None]), grid.shape, land)
-    guides = areas.guides_of(held, pooled, both, where)
+    # Averages over the runs: a cell that only one run fills counts half.
+    both = (squares(deposits[0]) + squares(deposits[1])) / 2
+    where = media_of(
+        areas.Deposits(occupied, pooled[None], both[None], pooled[None]), grid.shape, land
+    )
+    guides = areas.guides_of(occupied, pooled, both, where)
     smooth = [
-        np.stack([areas.spread(held, own, guides, per_kernel, where) for own in groups])
+        np.stack([areas.spread(occupied, own, guides, per_kernel, where) for own in groups])
         for groups in masses
     ]
-    whole = [groups.sum(axis=0) for groups in smooth]
-    # A group that happens to weigh more brings more everywhere: only what it brings beyond its
-    # share counts.
+    totals = [groups.sum(axis=0) for groups in smooth]
+    # A group that happens to have more weight adds more everywhere: only what it adds beyond its
+    # share of the total counts.
     pulls = [
         groups - one.total[:, None, None] * sums
-        for groups, one, sums in zip(smooth, laid, whole, strict=True)
+        for groups, one, sums in zip(smooth, deposits, totals, strict=True)
     ]
     error = np.sqrt(GROUPS / (GROUPS - 1) * np.sum((pulls[1] - pulls[0]) ** 2, axis=0))
-    return Maps(whole[0], whole[1], whole[1] - whole[0], error)
+    return Maps(totals[0], totals[1], totals[1] - totals[0], error)

@@ -1,4 +1,4 @@
-"""What a comparison of two cases found."""
+"""The result of a comparison of two cases."""
 
 from collections import Counter
 from dataclasses import dataclass, fields
@@ -22,15 +22,15 @@ class Contrast:
 
     a: Result
     b: Result
-    times: tuple[np.datetime64, ...]  # outputs of both
+    times: tuple[np.datetime64, ...]  # output times that both have
     rows: tuple[Difference, ...]  # by time, those of the whole run last
-    data: xr.Dataset  # what compare.nc holds: see drift.assess.compare.dataset
+    data: xr.Dataset  # contents of compare.nc: see drift.assess.compare.dataset
     step: int  # [s]
-    plans: tuple[Plan, Plan] | None = None  # the next search of each, where that was asked for
-    notes: tuple[str, ...] = ()  # what keeps the random numbers from being common
+    plans: tuple[Plan, Plan] | None = None  # plan of the next search of each, if requested
+    notes: tuple[str, ...] = ()  # why some random numbers are not common
 
     def __repr__(self) -> str:
-        """Return what it is, in a few lines."""
+        """Return a short description."""
         return (
             f'<Contrast "{self.title}"\n  {len(self.times)} outputs, {len(self.rows)} figures in differences, maps in data, '
             "results in a and b>"
@@ -38,11 +38,10 @@ class Contrast:
 
     @property
     def differences(self) -> pandas.DataFrame:
-        """Every figure of A, of B, their difference and its standard error, by chance alone, in the
-        row's `unit` (SI).
+        """All figures of A and B with their differences and standard errors (sampling only), in SI.
 
         Rows are by time (UTC), those of the whole run last; a and b are NaN where only the
-        difference has a meaning.
+        difference is meaningful. The column `unit` holds the unit.
         """
         columns = [field.name for field in fields(Difference)]
         frame = pandas.DataFrame(
@@ -52,7 +51,7 @@ class Contrast:
 
     @property
     def names(self) -> tuple[str, str]:
-        """What A and B are called: their titles; or, of one file, what was changed in B alone."""
+        """Names of A and B: their titles; if these are equal, the changes of B."""
         a, b = self.a.case, self.b.case
         if a.title != b.title:
             return a.title, b.title
@@ -61,45 +60,48 @@ class Contrast:
 
     @property
     def given(self) -> tuple[str, str]:
-        """What each case's figures are given, because it weighs its particles or worlds: "2 finds";
-        "nothing".
+        """The evidence by which each case weights its particles or worlds, like "2 finds".
+
+        It is "nothing" without evidence.
         """
-        return _given(self.a.case), _given(self.b.case)
+        return _evidence_in_words(self.a.case), _evidence_in_words(self.b.case)
 
     @property
     def title(self) -> str:
-        """What is compared."""
+        """Title of the comparison."""
         a, b = self.names
         title = self.a.case.title
         return f"{b} against {a}" if a == title else f"{title}: {b}"
 
     def at(self, time: np.datetime64, quantity: str) -> list[Difference]:
-        """Return the differences of a quantity at an output."""
+        """Return the differences of a quantity at one output time."""
         return [row for row in self.rows if row.time == time and row.quantity == quantity]
 
     @property
     def of_run(self) -> list[Difference]:
-        """Those that are of the run as a whole: sorties and stretches."""
+        """Differences of the run as a whole: of sorties, plans and stretches."""
         return [row for row in self.rows if row.quantity in OF_RUN]
 
 
-def _given(case: Case) -> str:
-    """Return what weighs the particles or worlds of a case."""
+def _evidence_in_words(case: Case) -> str:
+    """Return the number of finds, patrols, sorties, contacts and sensors of a case in words."""
     if case.spill:
-        told = {"find": len(case.spill.finds), "patrol": len(case.spill.patrols)}
+        counts = {"find": len(case.spill.finds), "patrol": len(case.spill.patrols)}
     else:
-        told = {
+        counts = {
             "sortie": len(case.sorties),
             "contact": len(case.contacts),
             "sensor": len(case.sensors.telling),
         }
     return (
-        " and ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in told.items() if count)
+        " and ".join(
+            f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items() if count
+        )
         or "nothing"
     )
 
 
 def _changes(text: str) -> list[str]:
-    """Return what was changed in a case after its file was read."""
+    """Return the overrides of a case (`--set`), as drift.case.file appends them to its text."""
     mark = "# --set "  # drift.case.file
     return [line.removeprefix(mark) for line in text.splitlines() if line.startswith(mark)]

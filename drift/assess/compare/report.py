@@ -1,6 +1,4 @@
-"""What report.html shows of a comparison: where each case has more, and every figure with its
-standard error.
-"""
+"""Items of report.html for a comparison: maps of both cases and their difference, and figures."""
 
 from collections.abc import Sequence
 
@@ -12,17 +10,17 @@ from drift.products.maps.imprint import Setting
 from drift.products.report import leaves
 from drift.products.report.leaves import Leaf
 
-TENTH = 0.1  # share of the probability in the cells that end the colours of its map
+TENTH = 0.1  # share of the probability in the densest cells, which all get the darkest colour
 
 
 def comparison_leaves(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
-    """Return the leaves of a comparison; begun: where A and where B began."""
+    """Return the report items of a comparison; begun: the map settings of A and of B."""
     data = found.data
     a, b, more = (
         data[name].values.astype(np.float64)
         for name in ("probability_a", "probability_b", "difference")
     )
-    stories = {
+    layers = {
         "A": a,
         "B": b,
         "More in B than in A": np.maximum(more, 0),
@@ -42,16 +40,16 @@ def comparison_leaves(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
     names = [list(row) for row in zip("AB", found.names, found.given, strict=True)]
     given = f" {text.words_given(found)}." if set(found.given) != {"nothing"} else ""
     return [
-        leaves.maps(
+        leaves.maps_leaf(
             "Probability",
             np.array(found.times),
             data["lon"].values,
             data["lat"].values,
-            stories,
+            layers,
             area,
-            [_top(values / area, values) for values in a],
+            [_top_density(values / area, values) for values in a],
         ),
-        *_begun(begun),
+        *_start_leaves(begun),
         leaves.table_leaf(
             "The two cases",
             [("", "Case", "words"), ("", "What it is", "words"), ("", "Weighed by", "words")],
@@ -62,31 +60,32 @@ def comparison_leaves(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
             columns,
             file="compare.csv",
             by_time="time",
-            note=f"Errors are of chance alone, on common random numbers.{given}",
+            note=f"Errors are sampling errors, on common random numbers.{given}",
         ),
         leaves.text_leaf("In words", file="compare.txt"),
     ]
 
 
-def _begun(begun: Sequence[Setting]) -> list[Leaf]:
-    """Return where the cases began, once where they began alike."""
+def _start_leaves(begun: Sequence[Setting]) -> list[Leaf]:
+    """Return maps of where the cases start, a single one if they start at the same places."""
     places = [(on.marks, on.lines) for on in begun]
     named = {"it": places[0]} if places[0] == places[1] else dict(zip("AB", places, strict=True))
     return [
-        leaves.marked(f"Where {name} began", *where, "start")
+        leaves.marks_leaf(f"Where {name} began", *where, "start")
         for name, where in named.items()
         if any(where)
     ]
 
 
-def _top(density: np.ndarray, mass: np.ndarray) -> float:
-    """Return the density [1/m2] above which cells hold a tenth of the probability; 1 where there is
-    none.
+def _top_density(density: np.ndarray, mass: np.ndarray) -> float:
+    """Return the density [1/m2] that the densest cells with a tenth of the probability exceed.
+
+    It is 1 if there is no probability.
     """
     order = np.argsort(-density.ravel(), kind="stable")
-    held = np.cumsum(mass.ravel()[order])
+    cumulative = np.cumsum(mass.ravel()[order])
     return (
-        float(density.ravel()[order][np.searchsorted(held, TENTH * held[-1])])
-        if held[-1] > 0
+        float(density.ravel()[order][np.searchsorted(cumulative, TENTH * cumulative[-1])])
+        if cumulative[-1] > 0
         else 1.0
     )

@@ -1,4 +1,4 @@
-"""What differs between two cases, in words and as a table."""
+"""The differences between two cases as text, as CSV and for summary.json."""
 
 from typing import Any
 
@@ -23,14 +23,14 @@ HEADER = [
     "run_id",
 ]
 OUR_GRID = (
-    # a grid that holds both clouds is of our making: nothing for a terminal
+    # start of a warning that is not printed: the user did not choose the common grid
     "output.grid: its cells are too coarse"
 )
-WORST = 10  # stretches that are listed in words
+WORST = 10  # most stretches that are listed in the text
 
 
 def comparison_csv(found: Contrast, run: str) -> str:
-    """Return every figure as CSV, in SI; run: its run_id, in the last column."""
+    """Return all figures as CSV, in SI; run: the run_id, for the last column."""
     rows = [
         [
             notation.iso(row.time),
@@ -51,7 +51,7 @@ def _cell(value: float) -> str:
 
 
 def summary_of_comparison(found: Contrast) -> dict[str, Any]:
-    """Return the figures for the summary, in SI."""
+    """Return the figures for summary.json, in SI."""
     return {
         "step_s": found.step,
         "notes": list(found.notes),
@@ -73,13 +73,13 @@ def summary_of_comparison(found: Contrast) -> dict[str, Any]:
 
 
 def comparison_facts(found: Contrast) -> dict[str, str]:
-    """Return what differs at the last output of both, and of the run as a whole, a line each."""
+    """Return the differences at the last common output and of the whole run, by name."""
     last = found.times[-1]
-    told = {
+    lines = {
         "A": found.names[0],
         "B": found.names[1],
         **({"given": words_given(found)} if set(found.given) != {"nothing"} else {}),
-        "time": notation.group(last),
+        "time": notation.format_dtg(last),
         "mean of B from that of A": _shift(found),
     }
     for row in found.rows:
@@ -89,15 +89,15 @@ def comparison_facts(found: Contrast) -> dict[str, str]:
             and (row.a or row.b)
             and row not in found.of_run
         ):
-            told[_called(row)] = difference_in_words(row)
+            lines[_row_name(row)] = difference_in_words(row)
     stretches = 0
     for row in found.of_run:
         stretches += row.quantity == "ashore"
-        if stretches <= WORST + 1:  # all of them together come first
-            told[_called(row)] = difference_in_words(row)
-    told["errors"] = "standard errors of the differences, of chance alone, on common random numbers"
-    told |= {f"note {k}": note for k, note in enumerate(found.notes, 1)}
-    return told | {
+        if stretches <= WORST + 1:  # the sum over all stretches comes first
+            lines[_row_name(row)] = difference_in_words(row)
+    lines["errors"] = "standard errors of the differences (sampling only), on common random numbers"
+    lines |= {f"note {k}": note for k, note in enumerate(found.notes, 1)}
+    return lines | {
         f"warning {k}, {name}": words
         for name, result in (("A", found.a), ("B", found.b))
         for k, words in enumerate(
@@ -107,18 +107,16 @@ def comparison_facts(found: Contrast) -> dict[str, str]:
 
 
 def words_given(found: Contrast) -> str:
-    """Return in words what the figures of both cases are given, and of spills how to compare them
-    without it.
-    """
+    """Return by which evidence the cases are weighted, and for spills how to compare without it."""
     a, b = found.given
-    each = f"A and B are each weighed by {a}" if a == b else f"A is weighed by {a}, B by {b}"
+    each = f"A and B are each weighted by {a}" if a == b else f"A is weighted by {a}, B by {b}"
     if found.a.case.spill is None:
         return each
     free = "--set find='[]' --set patrol='[]'"
-    return f"{each}: what differs is what each case makes of them, too; to compare before any find: {free}"
+    return f"{each}, so differences include their effect; to compare without finds: {free}"
 
 
-def _called(row: Difference) -> str:
+def _row_name(row: Difference) -> str:
     if row.quantity in ("status", "scenario"):
         return (
             f'scenario "{row.name}"' if row.quantity == "scenario" else row.name.replace("_", " ")
@@ -129,7 +127,7 @@ def _called(row: Difference) -> str:
 
 
 def difference_in_words(row: Difference) -> str:
-    """Return a difference in words: A, B, B - A and its standard error."""
+    """Return a row as text: A, B, B - A and its standard error."""
     scale, decimals, unit, sign = {
         "1": (100.0, 1, "%", " points"),
         "m2": (1 / NMI**2, 1, "nmi2", ""),
@@ -137,7 +135,7 @@ def difference_in_words(row: Difference) -> str:
     }[row.unit]
     a, b, difference, error = (scale * value for value in (row.a, row.b, row.difference, row.error))
     if a != a or b != b:
-        return "none in one of them"
+        return "none in one of the cases"
     own = f"{a:,.{decimals}f} -> {b:,.{decimals}f} {unit}"
     return f"{own}, {difference:+,.{decimals}f} +- {error:,.{decimals + 1}f}{sign}"
 
@@ -150,7 +148,7 @@ def _shift(found: Contrast) -> str:
     }
     east, north = (rows[name] for name in SHIFT)
     if east.difference != east.difference:
-        return "none: nothing is on the map in one of them"
+        return "none: one of the cases has nothing on the map"
     return (
         f"{east.difference / NMI:+.2f} +- {east.error / NMI:.2f} nmi east, "
         f"{north.difference / NMI:+.2f} +- {north.error / NMI:.2f} nmi north"
@@ -158,16 +156,16 @@ def _shift(found: Contrast) -> str:
 
 
 def page(found: Contrast) -> str:
-    """Return all that differs as a page of text."""
+    """Return all differences as a page of text."""
     lines = [found.title, ""]
-    told = comparison_facts(found)
-    wide = max(map(len, told))
-    lines += [f"{name:<{wide}}  {fact}" for name, fact in told.items()]
+    facts = comparison_facts(found)
+    wide = max(map(len, facts))
+    lines += [f"{name:<{wide}}  {fact}" for name, fact in facts.items()]
     lines += ["", "By time: mean of B from that of A [nmi], and areas [nmi2]", ""]
     for time in found.times:
         east, north = (row for name in SHIFT for row in found.at(time, name))
         shift = (
-            "nothing on the map in one of them"
+            "one of the cases has nothing on the map"
             if east.difference != east.difference
             else f"{east.difference / NMI:+.2f} +- {east.error / NMI:.2f} east, "
             f"{north.difference / NMI:+.2f} +- {north.error / NMI:.2f} north"
@@ -175,5 +173,5 @@ def page(found: Contrast) -> str:
         areas = "; ".join(
             f"{row.name} {difference_in_words(row)}" for row in found.at(time, "area")
         )
-        lines.append(f"{notation.group(time)}  {shift}; {areas}")
+        lines.append(f"{notation.format_dtg(time)}  {shift}; {areas}")
     return "\n".join(lines) + "\n"

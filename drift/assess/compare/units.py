@@ -1,15 +1,16 @@
-"""What was drawn independently in a run, and what chance does to a difference of two runs that
-share it.
+"""The independent sampling units of two paired runs, and standard errors of differences.
 
-The units of a search are its particles as they began: each has its own random numbers, and its
-offspring count with it. Those of a spill are its worlds. Two runs on common random numbers draw
-their units in pairs, which are independent of each other. A figure's influence says how much each
-unit moves it; the variance of a difference of figures is that of the differences of influence,
-summed over the pairs (the infinitesimal jackknife: Efron 1982, doi:10.1137/1.9781611970319, chapter
-6). Particles of a scenario are drawn from one law, those of two are not: the mean influence of each
-scenario, whose number of particles is fixed, is no chance. Where particles were drawn again, units
-are families (Chan and Lai 2013, doi:10.1214/13-AOS1172): a systematic draw varies less than the
-independent one that this holds for, so that errors are then rather too large.
+The units of a search are its initial particles: each has its own random numbers, and its offspring
+belong to it. The units of a spill are its worlds. Two runs on common random numbers draw their
+units in pairs, and the pairs are independent. The influence of a unit on a figure is how much the
+unit moves it. The variance of a difference of figures is the sum, over the pairs, of squared
+differences of influence (the infinitesimal jackknife: Efron 1982, doi:10.1137/1.9781611970319,
+chapter 6).
+
+Particles of one scenario have one distribution, those of two scenarios do not. The number of
+particles of each scenario is fixed, so its mean influence adds no variance. After resampling, units
+are families (Chan and Lai 2013, doi:10.1214/13-AOS1172). The formula is for independent resampling;
+systematic resampling varies less, so errors are then rather too large.
 """
 
 from collections.abc import Sequence
@@ -21,22 +22,22 @@ from drift.engine.particles.ensemble import Ensemble
 from drift.engine.particles.snapshot import Snapshot
 from geo.array import Array
 
-# of units, by which errors of maps are told: they err by an eighth themselves, 1 / sqrt(2 (GROUPS -
-# 1))
+# groups of units from which errors of maps are estimated; the relative error of such an error is
+# an eighth, 1 / sqrt(2 (GROUPS - 1))
 GROUPS = 32
 
 
 @dataclass(frozen=True)
 class Units:
-    """What was drawn independently, (u,): particles as they began, or the worlds of a spill."""
+    """The independent sampling units, (u,): initial particles, or the worlds of a spill."""
 
-    stratum: Array  # (u,) int: units of one stratum are drawn from one law
-    begun: Array  # (u,) bool: whether it had any weight when the run began
+    stratum: Array  # (u,) int: units of one stratum have the same distribution
+    begun: Array  # (u,) bool: whether the unit had any weight at the start of the run
     worlds: bool
 
     @property
     def size(self) -> int:
-        """How many there are."""
+        """Number of units."""
         return len(self.stratum)
 
     def of(self, snapshot: Snapshot) -> Array:
@@ -48,41 +49,42 @@ class Units:
 
     def error(self, influence: Array) -> float:
         """Return the standard error of a figure from the influence of each unit on it, (u,)."""
-        own, many = influence[self.begun], int(self.stratum.max(initial=0)) + 1
+        active, strata = influence[self.begun], int(self.stratum.max(initial=0)) + 1
         stratum = self.stratum[self.begun]
-        count = np.bincount(stratum, minlength=many)
-        mean = np.bincount(stratum, own, many) / np.maximum(count, 1)
-        spread = np.bincount(stratum, (own - mean[stratum]) ** 2, many)
+        count = np.bincount(stratum, minlength=strata)
+        mean = np.bincount(stratum, active, strata) / np.maximum(count, 1)
+        spread = np.bincount(stratum, (active - mean[stratum]) ** 2, strata)
         return float(np.sqrt(np.sum(spread * count / np.maximum(count - 1, 1))))
 
     @property
     def group(self) -> Array:
-        """The group, 0 to GROUPS - 1, of each unit, (u,): each has as many of every stratum, give
-        or take one.
+        """The group of each unit, 0 to GROUPS - 1, (u,).
+
+        The groups have the same number of units of every stratum, give or take one.
         """
         first = np.searchsorted(self.stratum, self.stratum)  # strata are ranges
         return np.asarray((np.arange(self.size) - first) % GROUPS)
 
 
 def of_particles(ensemble: Ensemble) -> Units:
-    """Return the units of an ensemble that has just been drawn."""
+    """Return the units of an ensemble at its start."""
     stratum = np.repeat(np.arange(len(ensemble.scenarios)), np.diff(ensemble.bounds))
     return Units(stratum, ensemble.log_weight.to_numpy() > -np.inf, worlds=False)
 
 
 def of_worlds(many: int) -> Units:
-    """Return the units of a spill of so many worlds."""
+    """Return the units of a spill with `many` worlds."""
     return Units(np.zeros(many, np.int64), np.ones(many, bool), worlds=True)
 
 
 def summed(unit: Array, values: Array, units: Units) -> Array:
-    """Return the sums of values (n,) of particles by unit, (u,)."""
+    """Return the sums of particle values (n,) by unit, (u,); unit: of each particle, (n,)."""
     return np.bincount(unit, values, units.size)
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A number of one run, and how much each unit moves it."""
+    """A figure of one run, and the influence of each unit on it."""
 
     value: float
     influence: Array  # (u,)
@@ -94,16 +96,16 @@ class Difference:
 
     time: np.datetime64
     quantity: str
-    name: str  # of what: a share, a status, a scenario, a stretch, a sortie
+    name: str  # of the share, status, scenario, stretch or sortie
     unit: str
-    a: float  # NaN: it is a difference by itself, like a shift
+    a: float  # NaN if only the difference is meaningful, as for a shift
     b: float
     difference: float
-    error: float  # standard error of the difference, of chance alone
+    error: float  # standard error of the difference (sampling only)
 
     @property
     def plain(self) -> bool:
-        """Whether the difference is more than two standard errors."""
+        """Whether the difference exceeds two standard errors."""
         return abs(self.difference) > 2 * self.error
 
 
@@ -114,9 +116,17 @@ def differences(
     units: Units,
     shifts: Sequence[str] = (),
 ) -> list[Difference]:
-    """Return the differences of figures that both runs have, by (quantity, name, unit).
+    """Return the differences of the figures that both runs have, by (quantity, name, unit).
 
-    shifts: quantities of which neither run has a value of its own.
+    Args:
+        time: time of the figures, UTC.
+        a: figures of run A.
+        b: figures of run B.
+        units: the independent units of both runs.
+        shifts: quantities of which only the difference is meaningful.
+
+    Returns:
+        A row for each figure that both runs have.
     """
     rows = []
     for key in (key for key in a if key in b):

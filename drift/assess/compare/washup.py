@@ -1,6 +1,4 @@
-"""How many objects of a spill lie on each stretch at the end, and the influence of every world on
-that.
-"""
+"""Expected objects of a spill on each stretch at the end, and each world's influence on them."""
 
 import numpy as np
 
@@ -13,15 +11,16 @@ from drift.spills.worlds.renewal import Aftermath
 from geo import notation
 from geo.array import Array
 
-NOWHERE = 5e-4  # objects; stretches where no run expects more are left out
+NOWHERE = 5e-4  # [objects] stretches are left out where neither run expects more
 
 
 def figures(after: Aftermath, seed: int) -> Figures:
-    """Return the expected number of objects on each stretch at the end of the run, and on all;
+    """Return the expected number of objects on each stretch at the end of the run, and on all.
+
     seed: of the run.
     """
     worlds, segments = after.spill.worlds, after.segments
-    number = _numbers(after, seed)
+    number = _numbers_by_stretch(after, seed)
     weight = after.posterior.weight
     found: Figures = {
         ("ashore", "all stretches", "objects"): _mean(
@@ -36,27 +35,29 @@ def figures(after: Aftermath, seed: int) -> Figures:
 
 
 def with_all(own: Figures, other: Figures, worlds: int) -> Figures:
-    """Return figures with those that only another run has as 0: nothing came there."""
-    nothing = Figure(0.0, np.zeros(worlds))
+    """Return `own` with the figures that only `other` has, as 0.
+
+    No object of the own run came to their stretches.
+    """
+    zero = Figure(0.0, np.zeros(worlds))
     keys = [
         key
         for key in {**own, **other}
-        if max(x.get(key, nothing).value for x in (own, other)) > NOWHERE
+        if max(x.get(key, zero).value for x in (own, other)) > NOWHERE
     ]
-    return {key: own.get(key, nothing) for key in keys}
+    return {key: own.get(key, zero) for key in keys}
 
 
 def _mean(values: Array, weight: Array) -> Figure:
-    """Return the mean over worlds; values, weight: (W,), the weights add up to 1."""
+    """Return the weighted mean over worlds; values, weight: (W,), the weights sum to 1."""
     mean = float(weight @ values)
     return Figure(mean, weight * (values - mean))
 
 
-def _numbers(after: Aftermath, seed: int) -> dict[int, Array]:
-    """Return the number of objects of each world, (W,), on each stretch that any touches, by the
-    stretch's number.
+def _numbers_by_stretch(after: Aftermath, seed: int) -> dict[int, Array]:
+    """Return each world's number of objects, (W,), on each stretch that any touches, by stretch.
 
-    It is the mean over the complete spills that are drawn in each world, as washup.nc has it.
+    It is the mean over the world's complete spills, as in washup.nc.
     """
     spill, last = after.spill, after.period.duration
     numbers: dict[int, Array] = {}

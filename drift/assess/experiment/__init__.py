@@ -1,4 +1,1 @@
-"""Many runs of a case, in several ways on common random numbers, and what they came to:
-
-`drift experiment`.
-"""
+"""Run a case many times in several variants on common random numbers: `drift experiment`."""

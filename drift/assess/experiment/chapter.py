@@ -1,4 +1,4 @@
-"""What is handed out of an experiment: tables and a picture."""
+"""The output files of an experiment: tables and a picture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,37 +6,39 @@ from pathlib import Path
 
 from drift.assess.experiment import text
 from drift.assess.experiment.record import Experiment
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Imprint
 
 
 @dataclass(frozen=True)
 class ExperimentOutputs:
-    """What the files and the picture are made from."""
+    """The inputs of the experiment's files and picture."""
 
     found: Experiment
     imprint: Imprint
 
 
-def _picture(matter: ExperimentOutputs, path: Path) -> None:
-    # here: Matplotlib takes a second to import
+def _plot(outputs: ExperimentOutputs, path: Path) -> None:
+    # imported here because Matplotlib takes a second
     from drift.assess.experiment import map as experiment_map
 
-    experiment_map.plot_experiment(matter.found, path, matter.imprint)
+    experiment_map.plot_experiment(outputs.found, path, outputs.imprint)
 
 
 FILES: dict[str, Callable[[ExperimentOutputs, Stamped], Contents]] = {
-    "experiment.csv": lambda matter, stamped: text.experiment_table(matter.found),
-    "experiment_runs.csv": lambda matter, stamped: text.runs(matter.found),
+    "experiment.csv": lambda outputs, stamped: text.experiment_table(outputs.found),
+    "experiment_runs.csv": lambda outputs, stamped: text.runs(outputs.found),
 }
 TRACKING: dict[str, Callable[[ExperimentOutputs, Stamped], Contents]] = {  # of tracking cases
-    "experiment_times.csv": lambda matter, stamped: text.times(matter.found),
+    "experiment_times.csv": lambda outputs, stamped: text.times(outputs.found),
 }
-PICTURES: dict[str, Callable[[ExperimentOutputs, Path], None]] = {"experiment.png": _picture}
+PICTURES: dict[str, Callable[[ExperimentOutputs, Path], None]] = {"experiment.png": _plot}
 
 
-def chapter(matter: ExperimentOutputs, attributes: dict[str, str]) -> Chapter:
-    """Return the chapter of an experiment."""
-    numbers = {"experiment": text.summary_of_experiment(matter.found)}
-    files = {**FILES, **(TRACKING if matter.found.tracking is not None else {})}
-    return Chapter(numbers, bound(files, matter), bound(PICTURES, matter), facts=attributes)
+def chapter(outputs: ExperimentOutputs, attributes: dict[str, str]) -> OutputBundle:
+    """Return the output files of an experiment; `attributes` are its provenance texts by name."""
+    numbers = {"experiment": text.summary_of_experiment(outputs.found)}
+    files = {**FILES, **(TRACKING if outputs.found.tracking is not None else {})}
+    return OutputBundle(
+        numbers, bind_outputs(files, outputs), bind_outputs(PICTURES, outputs), facts=attributes
+    )

@@ -1,4 +1,8 @@
-"""Run an experiment and write its results: `drift experiment`."""
+"""Run an experiment and write its results: `drift experiment`.
+
+A case of `drift run` is run in variants (drift.assess.experiment.ordinary). A tracking case
+compares its ways of following a target (drift.tracking.tracker.experiment).
+"""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +22,7 @@ from drift.tracking.tracker.study import Scene
 from geo.errors import UserError
 from kernels.runtime import runtime
 
-RUNS = 20  # of a case of drift run, where nobody says how many
+RUNS = 20  # default number of runs of a case of drift run
 
 
 def experiment(
@@ -34,32 +38,34 @@ def experiment(
     overwrite: bool = False,
     tell: Callable[[str, float], None] = lambda phase, share: None,
 ) -> Experiment:
-    """Return what many runs of a case came to, and with `out` write tables and a picture into a
-    folder, all or none.
+    """Run a case many times, and return the figures of all runs.
+
+    With `out`, also write tables and a picture into that folder, all or none.
 
     Args:
-        name: of a case of `drift run`, or of a tracking case, whose ways of following are compared;
-            or its file.
-        out: a folder for the results, written completely or not at all; None: nothing is written.
+        name: name or file of a case of `drift run`, or of a tracking case, whose [[method]]s are
+            compared.
+        out: folder for the results, written completely or not at all; None: nothing is written.
         changes: places in the file and TOML values, {"particles": "4000"}, for all runs.
-        variants: the same by the name of each variant, on common random numbers; a tracking case
-            takes none.
-        figures: numbers of summary.json to follow, by their places there; a tracking case takes
-            none.
-        runs: how many, with a seed each; None: 20.
+        variants: changes by the name of each variant, run on common random numbers; not allowed for
+            a tracking case.
+        figures: numbers of summary.json to report, by their paths there; not allowed for a tracking
+            case.
+        runs: number of runs, with a seed each; None: 20.
         backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics
-            card where one is worth it. A process keeps the backend and the threads that it began
+            card where one is worth it. A process keeps the backend and the threads that it started
             with.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a
-            bit of the results.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        tell: takes what is being done, and the share of it that is done, 0 to 1.
+        threads: threads of the CPU; None, or more than there are: all. The number of threads does
+            not change a bit of the results.
+        overwrite: whether to replace existing results in `out`, once the new ones are complete.
+        tell: callback that takes the name of the current phase, and the share of it that is done, 0
+            to 1.
 
     Returns:
         Means, standard errors and quantiles of each figure by variant, and their differences.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`).
+        UserError: the case or an option is wrong; one line for each mistake (`error.lines`).
     """
     if runs is not None and runs < 1:
         raise UserError(f"--runs {runs} must be at least 1")
@@ -72,30 +78,30 @@ def experiment(
             raise UserError(
                 "--with and --figure are for cases of drift run; a tracking case has [[method]] and [experiment]"
             )
-        asked = tracking.load(
+        study = tracking.load(
             name, changes | ({} if runs is None else {"experiment.runs": str(runs)})
         )
-        if not isinstance(asked.target, Scene):
+        if not isinstance(study.target, Scene):
             raise UserError(
                 f'"{name}" has detections, no [target] to be compared with: drift track {name}'
             )
-        runtime.start(backend, threads, asked.runs * len(asked.methods))
+        runtime.start(backend, threads, study.runs * len(study.methods))
         with runtime.alone():
-            coast = shore.of_study(asked)
+            coast = shore.of_study(study)
             outcome = tracked.run(
-                asked, None if coast is None else coast.device, partial(tell, "following")
+                study, None if coast is None else coast.device, partial(tell, "following")
             )
         found = Experiment(
-            asked.title,
-            asked.text,
-            asked.seed,
-            asked.runs,
-            f"{asked.size:,} particles, {outcome.sweeps:,} sweeps",
-            tuple(method.name for method in asked.methods),
+            study.title,
+            study.text,
+            study.seed,
+            study.runs,
+            f"{study.size:,} particles, {outcome.sweeps:,} sweeps",
+            tuple(method.name for method in study.methods),
             outcome.figures,
-            asked.published,
+            study.published,
             outcome,
-            asked.files,
+            study.files,
         )
     else:
         found = ordinary.run(
@@ -115,7 +121,7 @@ def experiment(
 
 
 def _write(found: Experiment, out: Path, overwrite: bool) -> None:
-    told = {
+    attributes = {
         "title": found.title,
         "source": f"casp-drift {version.__version__}",
         "versions": version.told(),
@@ -126,9 +132,9 @@ def _write(found: Experiment, out: Path, overwrite: bool) -> None:
     }
     imprint = Imprint(
         found.title,
-        f"{told['source']}, seed {found.seed}",
-        {**told, "run_id": formats.run_id(told)},
+        f"{attributes['source']}, seed {found.seed}",
+        {**attributes, "run_id": formats.run_id(attributes)},
     )
     writer.write(
-        out, [chapter.chapter(ExperimentOutputs(found, imprint), told)], overwrite=overwrite
+        out, [chapter.chapter(ExperimentOutputs(found, imprint), attributes)], overwrite=overwrite
     )

@@ -1,5 +1,7 @@
-"""The picture of an experiment: how far off each way of following is as time goes, with what was
-published beside it.
+"""The picture of an experiment.
+
+For a tracking case: the errors of each method over time, beside published values. Otherwise: each
+run's figures.
 """
 
 from pathlib import Path
@@ -17,10 +19,10 @@ from drift.products.maps.sheet import Row, Sheet
 from drift.tracking.tracker.experiment import Outcome
 from drift.tracking.tracker.study import MET
 
-# [in] of the page, of a panel with its gap, of a line of the key
+# [in] width of the page, height of a panel with its gap, height of a line of the legend
 WIDTH, PANEL, KEY = 11.7, 2.1, 0.21
 COLOURS = ("#0b4f8a", "#b3261e", "#1b5e20", "#8a5a00", "#6a3d9a", "#00838f", "#37474f", "#c2185b")
-MANY = 0.5  # of the runs, that hold a track where a mean is drawn
+MANY = 0.5  # share of the runs that must hold a track at a time for the mean to be drawn
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
 
 
@@ -33,11 +35,11 @@ def plot_experiment(found: Experiment, path: Path, imprint: Imprint) -> None:
 
 
 def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
-    """Draw each figure as a row for each way: its runs as dots, mean and standard error over them."""
+    """Draw each figure of each variant: runs as dots, with their mean and two standard errors."""
     row, gap = 0.24, 0.62  # [in]
     each = row * len(found.ways) + gap
     height = 1.0 + each * max(len(found.figures), 1) + 0.45
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             WIDTH,
             height,
@@ -48,7 +50,7 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
             footer=sheet.small(0.1 / height, 7.5, 190),
         )
     )
-    sheet.head(
+    sheet.write_head(
         on,
         imprint,
         f"{found.runs:,} runs, each of {found.about}: dots are runs, bars the mean and two standard errors"
@@ -89,19 +91,19 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
                 capsize=0,
             )
         axes.set_ylim(len(found.ways) - 0.4, -0.6)
-        axes.set_yticks(range(len(found.ways)), page.names(found.ways, 26))
-    with page.literal():
-        sheet.end(on, path, imprint)
+        axes.set_yticks(range(len(found.ways)), page.shorten_names(found.ways, 26))
+    with page.literal_text():
+        sheet.finish_page(on, path, imprint)
 
 
-def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> None:
+def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Imprint) -> None:
     """Draw the errors of a tracking case over time, and how often areas hold the target."""
-    groups = text.alike(whole, curves=True)
-    met = next((figure for figure in found.figures if figure.name == MET), None)
-    panels = len(found.curves) + (met is not None)
+    groups = text.alike(experiment, curves=True)
+    met = next((figure for figure in outcome.figures if figure.name == MET), None)
+    panels = len(outcome.curves) + (met is not None)
     over, under = 1.05, 0.75 + KEY * (len(groups) + 2)
     height = over + panels * PANEL + under
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             WIDTH,
             height,
@@ -112,15 +114,15 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
             footer=sheet.small(0.1 / height, 7.5, 190),
         )
     )
-    asked = found.study
-    sheet.head(
+    study = outcome.study
+    sheet.write_head(
         on,
         imprint,
-        f"{asked.runs:,} runs of {asked.size:,} particles, {found.sweeps:,} sweeps each: mean over the runs that hold a track, where half or more do; shaded one standard error either way",
+        f"{study.runs:,} runs of {study.size:,} particles, {outcome.sweeps:,} sweeps each: mean over the runs that hold a track, where half or more do; shaded one standard error either way",
     )
-    styles = _styles(found, groups)
+    styles = _styles(outcome, groups)
     symbols: list[tuple[Any, str]] = []
-    for number, curve in enumerate(found.curves):
+    for number, curve in enumerate(outcome.curves):
         axes = _panel(
             on, height, over, number, f"{curve.name[0].upper()}{curve.name[1:]} [{curve.unit}]"
         )
@@ -128,10 +130,10 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
         mean = np.where(np.isfinite(curve.values).mean(axis=1) >= MANY, mean, np.nan)
         for group, (colour, dash) in zip(groups, styles, strict=True):
             (line,) = axes.plot(
-                found.time / 60, mean[group[0]], color=colour, linestyle=dash, linewidth=1.5
+                outcome.time / 60, mean[group[0]], color=colour, linestyle=dash, linewidth=1.5
             )
             axes.fill_between(
-                found.time / 60,
+                outcome.time / 60,
                 mean[group[0]] - error[group[0]],
                 mean[group[0]] + error[group[0]],
                 color=colour,
@@ -139,7 +141,7 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
                 linewidth=0,
             )
             values = [
-                v for way in group if (v := text.published(whole, way, curve.name)) is not None
+                v for way in group if (v := text.published(experiment, way, curve.name)) is not None
             ]
             if values:
                 axes.plot(
@@ -152,22 +154,22 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
                     clip_on=False,
                 )
             if number == 0:
-                symbols.append((line, text.called(whole, group)))
+                symbols.append((line, text.called(experiment, group)))
         axes.set_ylim(0, None if curve.right is None else 100)
         if curve.right is not None:
             axes.axhline(curve.right, color=GREY, linewidth=0.9, zorder=1)
-        _window(axes, found)
-        if number < len(found.curves) - 1:
+        _window(axes, outcome)
+        if number < len(outcome.curves) - 1:
             axes.tick_params(labelbottom=False)
         else:
             axes.set_xlabel("Minutes after the start", fontsize=9, color=INK)
     if met is not None:
         axes = _panel(on, height, over + 0.3, panels - 1, "Criteria met [% of runs]")
         ended = met.values[np.isfinite(met.values)]
-        last = max(min(1.05 * float(ended.max(initial=0.0)), asked.end / 60), asked.every / 60)
+        last = max(min(1.05 * float(ended.max(initial=0.0)), study.end / 60), study.every / 60)
         for group, (colour, dash) in zip(groups, styles, strict=True):
             times = np.sort(met.values[group[0]][np.isfinite(met.values[group[0]])])
-            share = 100 * np.arange(1, len(times) + 1) / asked.runs
+            share = 100 * np.arange(1, len(times) + 1) / study.runs
             axes.step(
                 np.concatenate([[0], times, [max(last, times.max(initial=0.0))]]),
                 np.concatenate([[0], share, share[-1:] if share.size else [0]]),
@@ -177,13 +179,15 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
                 linewidth=1.5,
             )
             for middle in [
-                v for way in group if (v := text.published(whole, way, f"median {MET}")) is not None
+                v
+                for way in group
+                if (v := text.published(experiment, way, f"median {MET}")) is not None
             ]:
                 axes.plot([middle], [50], marker="v", color=colour, markersize=6)
         axes.set_xlim(0, last)
         axes.set_ylim(0, 100)
         axes.set_xlabel("Minutes after the start", fontsize=9, color=INK)
-    names = {name for figures in asked.published.values() for name in figures}
+    names = {name for figures in study.published.values() for name in figures}
     for marker, some, what in (
         ("<", names - {f"median {MET}"}, "mean"),
         ("v", names & {f"median {MET}"}, "median"),
@@ -195,7 +199,7 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
                     f"as published: the {what}",
                 )
             )
-    if np.isfinite(asked.window[1]) or asked.window[0] > 0:
+    if np.isfinite(study.window[1]) or study.window[0] > 0:
         symbols.append(
             (
                 axes.axvspan(np.nan, np.nan, color="#e8eef4"),
@@ -210,15 +214,15 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
         fontsize=8.5,
         handlelength=3.2,
     )
-    with page.literal():
-        sheet.end(on, path, imprint)
+    with page.literal_text():
+        sheet.finish_page(on, path, imprint)
 
 
-def _styles(found: Outcome, groups: list[list[int]]) -> list[tuple[str, Any]]:
+def _styles(outcome: Outcome, groups: list[list[int]]) -> list[tuple[str, Any]]:
     """Return colour and dashes of each group: a colour for each behaviour, dashes for how its
     clouds are filled.
     """
-    laws = [found.study.methods[group[0]].behaviour for group in groups]
+    laws = [outcome.study.methods[group[0]].behaviour for group in groups]
     known = list(dict.fromkeys(laws))
     return [
         (COLOURS[known.index(law) % len(COLOURS)], DASHES[laws[:k].count(law) % len(DASHES)])
@@ -242,9 +246,9 @@ def _dress(axes: Axes, title: str) -> None:
         axes.spines[side].set_visible(False)
 
 
-def _window(axes: Axes, found: Outcome) -> None:
-    """Shade the time over which figures are averaged, where that is not all of it."""
-    axes.set_xlim(0, found.study.end / 60)
-    low, high = found.study.window
+def _window(axes: Axes, outcome: Outcome) -> None:
+    """Shade the time over which figures are averaged, unless it is the whole run."""
+    axes.set_xlim(0, outcome.study.end / 60)
+    low, high = outcome.study.window
     if np.isfinite(high) or low > 0:
-        axes.axvspan(low / 60, min(high, found.study.end) / 60, color="#e8eef4", zorder=0)
+        axes.axvspan(low / 60, min(high, outcome.study.end) / 60, color="#e8eef4", zorder=0)

@@ -1,4 +1,4 @@
-"""Many runs of a case of drift run, seeds apart, in several variants."""
+"""Run a case of `drift run` with many seeds, in several variants."""
 
 import difflib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,7 +20,7 @@ USUAL = (
     "search.log_evidence",
     "spill.totals.*",
 )
-NAMED = 8  # numbers of a summary that a refusal names
+NAMED = 8  # names of figures that an error message lists
 
 
 def run(
@@ -34,84 +34,114 @@ def run(
     threads: int | None,
     tell: Callable[[str, float], None],
 ) -> Experiment:
-    """Return figures of runs of a case with the seeds that follow its own, as it is and in
-    variants.
+    """Run a case and its variants with consecutive seeds, and return their figures.
 
-    changes: of the case in all runs, and variants: further ones by name, as overrides of
-    drift.load. paths: of numbers in summary.json, like "outputs.-1.area_nmi2.95%", * for all of a
-    table; () for the usual ones. Raises UserError.
+    Args:
+        name: name or file of the case.
+        changes: overrides (as in drift.load) for all runs.
+        variants: further overrides by the name of each variant.
+        paths: paths of numbers in summary.json, like "outputs.-1.area_nmi2.95%", with * for all of
+            a table; (): the USUAL ones.
+        runs: number of runs of each variant; seeds count up from the case's own.
+        backend, threads: as in `drift.assess.experiment.command.experiment`.
+        tell: progress callback: the phase, and the share of it that is done, 0 to 1.
+
+    Returns:
+        The figures of all runs, by variant.
+
+    Raises:
+        UserError: a variant changes the seed or has a reserved name, a case is wrong, or a path
+            does not exist.
     """
     if AS_IT_IS in variants:
         raise UserError(
-            f'--with "{AS_IT_IS}": so the case is called without changes; take another name'
+            f'--with "{AS_IT_IS}": this is the name of the unchanged case; take another name'
         )
-    if seeded := [way for way, own in variants.items() if "seed" in own]:
+    if seeded := [variant for variant, overrides in variants.items() if "seed" in overrides]:
         raise UserError(
-            f'--with "{seeded[0]}": seed is of all variants, whose random numbers are common; give --seed'
+            f'--with "{seeded[0]}": all variants share their random numbers, so a variant cannot set '
+            "seed; give --seed"
         )
     first = case_file.load(name, changes)
-    ways: dict[str, Mapping[str, str]] = {AS_IT_IS: {}, **variants}
+    all_variants: dict[str, Mapping[str, str]] = {AS_IT_IS: {}, **variants}
     files = list(first.inputs)
-    for own in variants.values():  # all that is wrong is told before the first run
-        files += case_file.load(name, {**changes, **own}).inputs
+    for overrides in variants.values():  # reports mistakes in variants before the first run
+        files += case_file.load(name, {**changes, **overrides}).inputs
     rows: list[list[dict[str, float]]] = []
     done = 0
-    for way, own in ways.items():
+    for variant, overrides in all_variants.items():
         rows.append([])
         for number in range(runs):
-            case = case_file.load(name, {**changes, **own, "seed": str(first.seed + number)})
+            case = case_file.load(name, {**changes, **overrides, "seed": str(first.seed + number)})
             result = flow.run(case, backend=backend, threads=threads)
             summary = {
                 **tables.summary_of_forecast(result.forecast, result.setting.opens),
                 **result.summary,
             }
-            rows[-1].append(dict(_found(summary, paths, way)))
+            rows[-1].append(dict(_found(summary, paths, variant)))
             done += 1
-            tell("running", done / (runs * len(ways)))
-    names = list(dict.fromkeys(path for way in rows for one in way for path in one))
+            tell("running", done / (runs * len(all_variants)))
+    names = list(
+        dict.fromkeys(
+            path for variant in rows for figures_of_run in variant for path in figures_of_run
+        )
+    )
     figures = tuple(
-        Figure(path, "", np.array([[one.get(path, np.nan) for one in way] for way in rows]))
+        Figure(
+            path,
+            "",
+            np.array(
+                [
+                    [figures_of_run.get(path, np.nan) for figures_of_run in variant]
+                    for variant in rows
+                ]
+            ),
+        )
         for path in names
     )
-    asked = "; ".join(
-        f"{way}: {', '.join(f'{k}={v}' for k, v in own.items())}" for way, own in variants.items()
+    description = "; ".join(
+        f"{variant}: {', '.join(f'{k}={v}' for k, v in overrides.items())}"
+        for variant, overrides in variants.items()
     )
     return Experiment(
         first.title,
-        f"{first.text.rstrip()}\n# experiment, {runs} runs: {asked}\n",
+        f"{first.text.rstrip()}\n# experiment, {runs} runs: {description}\n",
         first.seed,
         runs,
         f"{first.particles:,} particles",
-        tuple(ways),
+        tuple(all_variants),
         figures,
         files=tuple(dict.fromkeys(files)),
     )
 
 
 def _found(
-    summary: Mapping[str, Any], paths: Sequence[str], way: str
+    summary: Mapping[str, Any], paths: Sequence[str], variant: str
 ) -> Iterator[tuple[str, float]]:
-    """Give the numbers that are asked for, by their paths; of the usual ones those that there are;
-    way: whose summary it is.
+    """Yield the requested numbers of a variant's summary by their paths.
+
+    Without `paths`, yield the USUAL numbers as far as they exist.
     """
-    every = dict(numbers_by_path(summary))
+    numbers = dict(numbers_by_path(summary))
     for path in paths or USUAL:
         if path.endswith("*"):
-            own = {key: value for key, value in every.items() if key.startswith(path[:-1])}
+            matching = {key: value for key, value in numbers.items() if key.startswith(path[:-1])}
         else:
-            own = {key: value for key, value in every.items() if key == path}
-        if paths and not own:
-            near = (
-                difflib.get_close_matches(path, every, n=NAMED, cutoff=0.4) or list(every)[:NAMED]
+            matching = {key: value for key, value in numbers.items() if key == path}
+        if paths and not matching:
+            suggestions = (
+                difflib.get_close_matches(path, numbers, n=NAMED, cutoff=0.4)
+                or list(numbers)[:NAMED]
             )
             raise UserError(
-                f'--figure "{path}": no such number in the summary of this case, {way}; some are: {", ".join(near)}'
+                f'--figure "{path}": no such number in the summary of this case ({variant}); similar '
+                f"ones: {', '.join(suggestions)}"
             )
-        yield from own.items()
+        yield from matching.items()
 
 
 def numbers_by_path(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
-    """Give all numbers of a summary by their paths; the last of a list by -1 too."""
+    """Yield each number of a summary with its path; also count the last item of a list as -1."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from numbers_by_path(inner, f"{path}.{key}" if path else str(key))

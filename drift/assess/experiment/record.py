@@ -1,4 +1,4 @@
-"""What an experiment came to, of whatever kind of case."""
+"""The results of an experiment."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,15 +9,16 @@ from drift.tracking.tracker.figures import Figure
 
 @dataclass(frozen=True)
 class Experiment:
-    """Figures of many runs in several ways, which share their random numbers."""
+    """Figures of many runs in several variants that share their random numbers."""
 
     title: str
-    text: str  # of the case, and what was asked besides
+    text: str  # text of the case, and the changes of each variant
     seed: int
     runs: int
-    about: str  # of each run, in a few words
-    ways: tuple[str, ...]
+    about: str  # size of each run, in a few words
+    ways: tuple[str, ...]  # names of the variants, or of the methods of a tracking case
     figures: tuple[Figure, ...]
-    published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by way and figure
-    tracking: Outcome | None = None  # of a tracking case, with errors over time
-    files: tuple[str, ...] = ()  # that the case read
+    # published values by method and figure
+    published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    tracking: Outcome | None = None  # errors over time; None unless it is a tracking case
+    files: tuple[str, ...] = ()  # files that the case read

@@ -1,4 +1,7 @@
-"""What an experiment came to, in words and tables."""
+"""The results of an experiment as text, tables and JSON.
+
+A "way" is a variant of the case, or a method of a tracking case.
+"""
 
 import math
 from collections.abc import Mapping
@@ -13,10 +16,9 @@ from drift.tracking.tracker.study import HELD, MET
 
 
 def alike(found: Experiment, curves: bool = False) -> list[list[int]]:
-    """Return the ways of following by their numbers, those together of which no figure differs by a
-    bit.
+    """Return groups of ways (by number) whose figures are equal to the last bit.
 
-    curves: nor anything at any time.
+    With `curves`, their errors over time are equal too.
     """
     groups: dict[bytes, list[int]] = {}
     for k in range(len(found.ways)):
@@ -28,15 +30,16 @@ def alike(found: Experiment, curves: bool = False) -> list[list[int]]:
 
 
 def called(found: Experiment, group: list[int]) -> str:
-    """Return what ways of following that came to the same are called."""
+    """Return the common name of ways with equal results."""
     return "; ".join(found.ways[k] for k in group)
 
 
 def experiment_facts(found: Experiment) -> Mapping[str, str]:
-    """Return a line for each way of following, those that came to the same in one; in brackets what
-    it differs from the first, run by run.
+    """Return a line of figures for each way; ways with equal results share one.
+
+    A figure in brackets is the mean difference from the first way, run by run.
     """
-    told = {}
+    lines = {}
     for group in alike(found):
         parts = []
         for figure in found.figures:
@@ -45,10 +48,10 @@ def experiment_facts(found: Experiment) -> Mapping[str, str]:
             )
             if figure.name == HELD and mean == 100.0:
                 continue
-            words = " ".join([figure.name, *_told(mean, error), figure.unit]).rstrip()
+            words = " ".join([figure.name, *_mean_and_error(mean, error), figure.unit]).rstrip()
             if apart := difference(figure, group[0]):
                 words += f" ({apart})"
-            # a few runs that take long make its mean, and one that never does has none
+            # the mean depends on a few slow runs, and is missing if one run never meets the criteria
             if figure.name == MET:
                 middle = figure.quantiles()[group[0], QUANTILES.index(0.5)]
                 median = (
@@ -58,15 +61,16 @@ def experiment_facts(found: Experiment) -> Mapping[str, str]:
                 parts.append(words + f" (never in {missing} of {found.runs} runs)" * bool(missing))
                 continue
             parts.append(words + f" (none in {missing} runs)" * bool(missing))
-        told[called(found, group)] = "; ".join(parts)
-    if len(told) > 1:
-        told["in brackets"] = "the difference from the first, run by run"
-    return told
+        lines[called(found, group)] = "; ".join(parts)
+    if len(lines) > 1:
+        lines["in brackets"] = "the difference from the first, run by run"
+    return lines
 
 
 def difference(figure: Figure, way: int) -> str:
-    """Return what a figure of a way differs from that of the first, run by run; nothing of the
-    first itself, and where it is unknown.
+    """Return the mean difference of a figure from the first way, run by run, as text.
+
+    It is "" for the first way itself, and where the difference is unknown.
     """
     mean, error = (row[way] for row in figure.difference())
     if way == 0 or not np.isfinite(mean):
@@ -74,27 +78,27 @@ def difference(figure: Figure, way: int) -> str:
     rounding = 1e-12 * np.abs(figure.values[[0, way]]).max(
         initial=0.0, where=np.isfinite(figure.values[[0, way]])
     )
-    return "+0" if abs(mean) <= rounding else " ".join(_told(mean, error, sign=True))
+    return "+0" if abs(mean) <= rounding else " ".join(_mean_and_error(mean, error, sign=True))
 
 
-def _told(mean: float, error: float, sign: bool = False) -> tuple[str, ...]:
-    """Return a mean with its standard error, to two digits of that; sign: of a difference."""
+def _mean_and_error(mean: float, error: float, sign: bool = False) -> tuple[str, ...]:
+    """Return a mean and its standard error (to two digits of it) as texts; sign: show a "+"."""
     plus = "+" if sign else ""
     if not np.isfinite(mean):
         return ("none",)
-    if not np.isfinite(error) or error <= 1e-9 * abs(mean):  # all runs alike, but for rounding
+    if not np.isfinite(error) or error <= 1e-9 * abs(mean):  # all runs equal, up to rounding
         return (f"{mean:{plus}.4g}",)
     digits = max(1 - math.floor(math.log10(error)), 0)
     return f"{mean:{plus},.{digits}f}", "+-", f"{error:,.{digits}f}"
 
 
 def published(found: Experiment, way: int, name: str) -> float | None:
-    """Return the figure that was published of a way of following, None where there is none."""
+    """Return the published value of a figure for a way; None if there is none."""
     return found.published.get(found.ways[way], {}).get(name)
 
 
 def experiment_table(found: Experiment) -> str:
-    """Return the figures of each way of following, with what was published beside them."""
+    """Return the figures of each way as CSV, with published values beside them."""
     header = ["way", "figure", "unit", "runs", "mean", "standard_error"]
     header += [f"quantile_{100 * share:.0f}" for share in QUANTILES] + [
         "runs_without",
@@ -114,7 +118,7 @@ def experiment_table(found: Experiment) -> str:
                     found.runs,
                     _cell(figure.mean()[way]),
                     _cell(figure.error()[way]),
-                    *(_endless(value) for value in figure.quantiles()[way]),
+                    *(_cell_or_inf(value) for value in figure.quantiles()[way]),
                     int(figure.missing()[way]),
                     *(_cell(value[way]) for value in figure.difference()),
                     published(found, way, figure.name),
@@ -125,7 +129,7 @@ def experiment_table(found: Experiment) -> str:
 
 
 def runs(found: Experiment) -> str:
-    """Return the figures of each run."""
+    """Return the figures of each run as CSV."""
     header = [
         "way",
         "run",
@@ -135,7 +139,7 @@ def runs(found: Experiment) -> str:
         ),
     ]
     rows = [
-        [name, run + 1, *(_endless(figure.values[way, run]) for figure in found.figures)]
+        [name, run + 1, *(_cell_or_inf(figure.values[way, run]) for figure in found.figures)]
         for way, name in enumerate(found.ways)
         for run in range(found.runs)
     ]
@@ -143,18 +147,16 @@ def runs(found: Experiment) -> str:
 
 
 def times(found: Experiment) -> str:
-    """Return mean and standard error of each error at each time, and of how often areas hold the
-    target.
-    """
+    """Return the mean and standard error of each curve at each time as CSV."""
     tracking = found.tracking
     assert tracking is not None
     header = ["way", "minutes"]
     for curve in tracking.curves:
-        words, unit = (
+        column, unit = (
             curve.name.replace(" % ", "_percent_").replace(" ", "_"),
             curve.unit.replace("%", "percent"),
         )
-        header += [f"{words}_{unit}", f"{words.removesuffix('_error')}_standard_error_{unit}"]
+        header += [f"{column}_{unit}", f"{column.removesuffix('_error')}_standard_error_{unit}"]
     means = [curve.mean() for curve in tracking.curves]
     rows = []
     for way, name in enumerate(found.ways):
@@ -165,8 +167,8 @@ def times(found: Experiment) -> str:
     return formats.csv_text(header, rows)
 
 
-def _endless(value: float) -> float | None:
-    """Return a value of a table, inf of what came to no end."""
+def _cell_or_inf(value: float) -> float | None:
+    """Return a table value to six digits; inf for a run that never meets the criteria."""
     return float("inf") if np.isposinf(value) else _cell(value)
 
 
@@ -175,7 +177,7 @@ def _cell(value: float) -> float | None:
 
 
 def summary_of_experiment(found: Experiment) -> dict[str, Any]:
-    """Return the same for programs."""
+    """Return the figures of all ways for summary.json."""
     return {
         "runs": found.runs,
         "seed": found.seed,

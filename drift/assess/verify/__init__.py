@@ -1,1 +1,1 @@
-"""Real drifters: how forecasts of them did, and which errors suit them."""
+"""Score forecasts against real drifters, and fit forcing errors to them."""

@@ -1,11 +1,11 @@
-"""Displacements of real drifters between their fixes, beside those by a case's winds and currents.
+"""Displacements of real drifters between fixes, beside those by a case's winds and currents.
 
-The model's displacement between two fixes is the integral of its velocity at the places where the
-drifter really was, by two-point Gauss quadrature in pieces of an hour at most. So a drifter that
-has left the model's eddy does not count against the model for the rest of its track: the difference
-is the model's own error at that place and time, which is what the errors of a case describe.
-Current and Stokes drift are compared with the drifter; the wind's displacement comes with them, as
-a regressor. A displacement between two fixes is called a way.
+The model's displacement between two fixes is the integral of its velocity at the positions where
+the drifter really was, by two-point Gauss quadrature in pieces of an hour at most. So a drifter
+that has left an eddy of the model does not count against the model for the rest of its track: the
+difference is the model's own error at that place and time, which is what the errors of a case
+describe. The displacement by current and Stokes drift is compared with the drifter's; that of the
+wind is a regressor.
 """
 
 import itertools
@@ -28,21 +28,22 @@ from geo.array import Array
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
-PIECE = 3600.0  # [s] longest piece of a drifter's way for one quadrature
-# distance of the two points of quadrature from the middle of a piece of length 1
+PIECE = 3600.0  # [s] longest piece of a drifter's track for one quadrature
+# distance of the two quadrature points from the middle of a piece of length 1
 GAUSS = 0.5 / np.sqrt(3.0)
-MARGIN = 0.3  # [deg] forcing is read as far as this about all tracks
-# keys without drifters
+MARGIN = 0.3  # [deg] margin about all tracks within which forcing is read
+# keys of a case that a comparison with drifters does not use
 ELSEWHERE = ("sortie", "contact", "unit", "plan", "resampling", "expect", "find", "patrol")
 
 
 @dataclass(frozen=True)
 class Ways:
-    """Ways of one drifter, which each end at a fix; n fixes.
+    """Displacements of one drifter between consecutive fixes; each ends at one of its n fixes.
 
-    step: time since the fix before [s], (n,); fresh: whether a fix begins a stretch, and so ends no
-    way, (n,). Ways (n, 2), east and north [m]: observed: the drifter's own; model: that of current
-    and Stokes drift; wind: that of the air, None where the case has no wind.
+    step: time since the previous fix [s], (n,). fresh: whether a fix begins a stretch, so that no
+    displacement ends there, (n,). Displacements east and north [m], (n, 2): observed: the drifter's
+    own; model: by current and Stokes drift; wind: by the wind speed itself, None if the case has no
+    wind.
     """
 
     name: str
@@ -56,14 +57,14 @@ class Ways:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The ways of all drifters, and notes on what could not be compared."""
+    """The displacements of all drifters, and notes on those that could not be compared."""
 
     ways: tuple[Ways, ...]
     notes: tuple[str, ...]
 
     @property
     def wind(self) -> bool:
-        """Whether all ways have a wind."""
+        """Whether all displacements have a wind."""
         return all(way.wind is not None for way in self.ways)
 
 
@@ -75,12 +76,22 @@ def compared(
     fastest: float,
     datasets: Mapping[str, Any] | None = None,
 ) -> Comparison:
-    """Return the ways of drifters beside those of a case's forcing, or of columns of their own
-    files.
+    """Return drifters' displacements, and those by the forcing of a case or by own columns.
 
-    columns: {"current_east": "u", "current_north": "v"}: quantities that are named are taken from
-    the tracks' columns, all others from the case. gap: longest time between fixes [s] over which
-    ways are compared; fastest: [m/s] speed beyond which two fixes are a leap.
+    Args:
+        case: the case whose sources are compared with the drifters.
+        tracks: tracks of the drifters.
+        columns: {"current_east": "u", "current_north": "v"}: quantities named here come from the
+            tracks' columns, all others from the case.
+        gap: longest time between fixes [s] over which displacements are compared.
+        fastest: speed [m/s] beyond which two fixes are a leap.
+        datasets: xarray.Datasets of sources with `dataset = "name"`, by that name.
+
+    Returns:
+        The displacements of each drifter, with notes.
+
+    Raises:
+        UserError: no displacement lies where there is forcing, or the forcing is an ensemble.
     """
     reported = {quantity for quantity in QUANTITIES if f"{quantity}_east" in columns}
     asked = [
@@ -132,27 +143,27 @@ def compared(
     notes = []
     if cut:
         notes.append(
-            f"{cut:,} ways between fixes left out that take more than {gap / 3600:.3g} h, or are leaps"
+            f"{cut:,} displacements between fixes left out: longer than {gap / 3600:.3g} h, or leaps"
         )
     if without_forcing:
         notes.append(
-            f"{without_forcing:,} ways between fixes left out along which the forcing has no value"
+            f"{without_forcing:,} displacements between fixes left out: the forcing has no value there"
         )
     comparable = tuple(way for way in ways if not way.fresh.all())
     if not comparable:
         raise UserError(
-            f"--drifters: no way between two fixes at most {gap / 3600:.3g} h apart lies where {case.path.name} has "
-            f"forcing{f' ({notes[-1]})' if notes else ''}; check the times and the place of its sources, or give "
+            f"--drifters: no two fixes at most {gap / 3600:.3g} h apart lie where {case.path.name} has "
+            f"forcing{f' ({notes[-1]})' if notes else ''}; check the times and places of its sources, or give "
             "--columns"
         )
     return Comparison(comparable, tuple(notes))
 
 
 def residuals(ways: Sequence[Ways], wind: bool) -> Tracks:
-    """Return how far drifters went beyond the model since each stretch began.
+    """Return how far drifters went beyond the model in each stretch, with regressors.
 
-    The unknowns of the mean are windage (where there is a wind), and the mean error east and north
-    [m/s].
+    Displacements are counted from the start of the stretch. The unknowns of the mean are windage
+    (if `wind`), and the mean error east and north [m/s].
     """
     pieces = []
     for way in ways:
@@ -167,17 +178,17 @@ def residuals(ways: Sequence[Ways], wind: bool) -> Tracks:
 
 
 def _since(values: Array, fresh: Array) -> Array:
-    """Return sums of values since the begin of the stretch in which each stands."""
+    """Return cumulative sums of values since the start of the stretch of each."""
     total = np.cumsum(values, axis=0)
     begin = np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))
     return np.asarray(total - total[begin])
 
 
 def _points(track: Track) -> tuple[Array, Array, Array]:
-    """Return (times, weights, fixes) of the points of quadrature.
+    """Return (times, weights, fixes) of the quadrature points.
 
-    Times are whole [s since 1970], weights are in [s], fixes are the numbers of those that end the
-    ways.
+    Times are rounded to seconds [s since 1970], weights are in [s]. Fixes are the numbers of the
+    fixes at which the displacements end.
     """
     steps = np.diff(track.time)
     count = np.maximum(np.ceil(steps / PIECE).astype(int), 1)
@@ -196,10 +207,10 @@ def _sampled(
     asked: Sequence[str],
     datasets: Mapping[str, Any] | None,
 ) -> dict[str, list[Array]]:
-    """Return values of a case's sources by quantity at each drifter's points, (points, 2).
+    """Return the values of a case's sources at each drifter's points, (points, 2), by quantity.
 
-    Values are NaN where there is none. They are sampled as for particles, with the same priorities,
-    sums and filled coasts.
+    Values are NaN where the forcing has none. They are sampled as for particles, with the same
+    priorities, sums and filled coasts.
     """
     bounds = np.cumsum([0, *(len(point[0]) for point in points)])
     time = np.concatenate([point[0] for point in points])
@@ -207,13 +218,13 @@ def _sampled(
     lon, lat = (
         sphere.to_binary(np.concatenate([position[k] for position in positions])) for k in (0, 1)
     )
-    where = run_setup.open_for(over(case, tracks), datasets)
-    if where.members:
+    environment = run_setup.open_for(over(case, tracks), datasets)
+    if environment.members:
         raise UserError(
-            f"{case.path.name}: drifters are compared with one current and one wind, not with {len(where.members)} members of an "
+            f"{case.path.name}: drifters are compared with one current and one wind, not with {len(environment.members)} members of an "
             "ensemble: leave members out, and choose one by its index in variables"
         )
-    sources = where.scenarios[0]
+    sources = environment.scenarios[0]
     forcing = Forcing([sources], 1)
     sampled = {quantity: np.full((time.size, 2), np.nan) for quantity in asked}
     try:
@@ -222,8 +233,7 @@ def _sampled(
         ends = [*begins[1:], time.size]
         for moment, begin, end in zip(moments.astype(int), begins, ends, strict=True):
             at_moment = order[begin:end]
-            # A source's first moment can only begin a step, and its last only end one: both are
-            # tried.
+            # A source's first moment can only begin a step, and its last only end one, so try both.
             for second, fraction in ((moment, 0.0), (moment - 1, 1.0)):
                 forcing.set(int(second), int(second) + 1)
                 for quantity in asked:
@@ -242,19 +252,17 @@ def _sampled(
 
 
 def over(case: Case, tracks: Sequence[Track]) -> Case:
-    """Return a case of the same sources over the time and place of tracks, without anything about a
-    search.
-    """
+    """Return a case with the same sources over the tracks' time and place, without evidence."""
     first = min(track.time[0] for track in tracks)
     last = max(track.time[-1] for track in tracks)
     lon = np.sort(np.concatenate([track.lon for track in tracks]) % 360)
     lat = np.concatenate([track.lat for track in tracks])
-    # the widest gap between longitudes of fixes is outside the box
+    # the box leaves out the widest gap between longitudes of fixes
     gaps = np.diff(lon, append=lon[0] + 360)
     widest = int(np.argmax(gaps))
     west, wide = lon[(widest + 1) % lon.size], 360 - gaps[widest]
-    high = min(float(np.abs(lat).max()) + MARGIN, 85.0)
-    side = MARGIN / np.cos(np.radians(high))
+    highest_lat = min(float(np.abs(lat).max()) + MARGIN, 85.0)
+    side = MARGIN / np.cos(np.radians(highest_lat))
     round_earth = wide + 2 * side >= 359
     box = {
         "west": float(-180.0 if round_earth else sphere.wrap_degrees(west - side)),
@@ -262,9 +270,9 @@ def over(case: Case, tracks: Sequence[Track]) -> Case:
         "south": float(max(lat.min() - MARGIN, -90)),
         "north": float(min(lat.max() + MARGIN, 90)),
     }
-    story = scenario(case)
+    scenario_table = scenario(case)
     windy = bool(case.forcing["wind"])
-    table = {key: story[key] for key in _keys() if key in story}
+    table = {key: scenario_table[key] for key in _keys() if key in scenario_table}
     table |= {"name": "drifters", "object": {"windage": 0.01} if windy else "water"}
     table["position"] = {"at": [float(tracks[0].lon[0]), float(tracks[0].lat[0])], "std": 0.0}
     return case_file.vary(
@@ -277,7 +285,7 @@ def over(case: Case, tracks: Sequence[Track]) -> Case:
             "max_lost": 1.0,
             "coast": {"source": "none"},
             "domain": box,
-            "output": {"times": ["+0 h"]},  # none is made, and a file of years has too many
+            "output": {"times": ["+0 h"]},  # no output is made; the default times would be too many
             "scenario": [table],
         },
     )
@@ -289,10 +297,10 @@ def _keys() -> list[str]:
 
 
 def check_case(case: Case, columns: Mapping[str, str]) -> None:
-    """Raise UserError where drifters cannot be compared with a case.
+    """Raise UserError if drifters cannot be compared with the case.
 
-    A scenario moves by another model than drift, so that no drifter is like it; or a quantity was
-    to come from columns, and `columns` does not name them.
+    Either a scenario has a motion other than drift, or a quantity was to come from columns and
+    `columns` does not name them.
     """
     for quantity, specs in case.forcing.items():
         if f"{quantity}_east" not in columns and any(
@@ -302,27 +310,30 @@ def check_case(case: Case, columns: Mapping[str, str]) -> None:
                 f"{case.path.name}: was loaded with along = {quantity}, but no columns for it were given; give "
                 f"{quantity}_east and {quantity}_north, or give the case a source"
             )
-    for story in case.scenarios:
-        motion = story.motion.path.name if isinstance(story.motion, OwnMotion) else story.model
+    for scenario in case.scenarios:
+        motion = (
+            scenario.motion.path.name if isinstance(scenario.motion, OwnMotion) else scenario.model
+        )
         if motion != "drift":
             raise UserError(
-                f'{case.path.name}: scenario "{story.name}" has motion = "{motion}"; drifters are compared with '
-                'what drifts, motion = "drift"'
+                f'{case.path.name}: scenario "{scenario.name}" has motion = "{motion}"; drifters can only be '
+                'compared with motion = "drift"'
             )
 
 
 def scenario(case: Case) -> Mapping[str, Any]:
     """Return the scenario table of a case.
 
-    Raises UserError where several have different objects or sources.
+    Raises:
+        UserError: there is none, or several have different objects or sources.
     """
     tables: list[Mapping[str, Any]] = list(case.tables.get("scenario", ()))
     if not tables:
         raise UserError(
             f"{case.path.name}: has a [spill]; drifters are compared with a case of one [[scenario]]"
         )
-    seas = [{key: table.get(key) for key in ("object", *_keys())} for table in tables]
-    if any(sea != seas[0] for sea in seas):
+    sources_of = [{key: table.get(key) for key in ("object", *_keys())} for table in tables]
+    if any(sources != sources_of[0] for sources in sources_of):
         raise UserError(
             f"{case.path.name}: its scenarios drift as different objects, or in different sources; give a case with "
             "the one [[scenario]] that the drifters are to be compared with"

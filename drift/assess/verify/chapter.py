@@ -1,6 +1,4 @@
-"""What a verification hands out: a row for each forecast and lead, all of it as netCDF, and a
-picture.
-"""
+"""The output files of a verification: verify.csv, verify.nc and verify.png."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,39 +9,39 @@ from drift.assess.verify import files as verification_files
 from drift.assess.verify import text as verification_text
 from drift.assess.verify.verification import Verification
 from drift.pipeline import run_metadata
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Imprint
 from kernels.runtime import runtime
 
 
 @dataclass(frozen=True)
 class VerificationOutputs:
-    """What the files and pictures are made from."""
+    """The inputs of the verification's files and picture."""
 
     verification: Verification
     imprint: Imprint
 
 
-def _picture(matter: VerificationOutputs, path: Path) -> None:
-    # imported here, for Matplotlib takes a second
+def _plot(outputs: VerificationOutputs, path: Path) -> None:
+    # imported here because Matplotlib takes a second
     from drift.assess.verify import map as verification_map
 
-    verification_map.plot_verification(matter.verification, path, matter.imprint)
+    verification_map.plot_verification(outputs.verification, path, outputs.imprint)
 
 
 FILES: dict[str, Callable[[VerificationOutputs, Stamped], Contents]] = {
-    "verify.csv": lambda matter, stamped: verification_files.verification_csv(
-        matter.verification, stamped["run_id"]
+    "verify.csv": lambda outputs, stamped: verification_files.verification_csv(
+        outputs.verification, stamped["run_id"]
     ),
-    "verify.nc": lambda matter, stamped: verification_files.dataset(matter.verification),
+    "verify.nc": lambda outputs, stamped: verification_files.dataset(outputs.verification),
 }
 PICTURES: dict[str, Callable[[VerificationOutputs, Path], None]] = {
-    "verify.png": _picture,
+    "verify.png": _plot,
 }
 
 
-def chapter(verification: Verification) -> Chapter:
-    """Return the only chapter of a verification."""
+def chapter(verification: Verification) -> OutputBundle:
+    """Return the output bundle of a verification."""
     case = verification.case
     inputs = [run_metadata.input_file(path) for path in case.inputs]
     attributes = {
@@ -58,9 +56,11 @@ def chapter(verification: Verification) -> Chapter:
         "case": case.text,
     }
     footer = f"{attributes['source']}, seed {case.seed}, {attributes['uncertainty']}"
-    matter = VerificationOutputs(verification, Imprint(case.title, footer, attributes))
+    outputs = VerificationOutputs(verification, Imprint(case.title, footer, attributes))
     numbers = {
         "verification": verification_files.summary_of_verification(verification),
         "inputs": inputs,
     }
-    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), attributes)
+    return OutputBundle(
+        numbers, bind_outputs(FILES, outputs), bind_outputs(PICTURES, outputs), attributes
+    )

@@ -1,14 +1,13 @@
-"""The law of a model's errors along the tracks of real drifters, and the likelihood of tracks under
-it.
+"""The statistical law of a model's errors along real drifters' tracks, and its likelihood.
 
 Between fixes a drifter moves by the model's displacement along its track plus an error. In each
-component (east, north) the error is a sum of independent parts: a bias that each drifter keeps, an
+component (east, north) the error is a sum of independent parts: a constant bias of each drifter, an
 Ornstein-Uhlenbeck velocity, diffusion, and the errors of the fixes at both ends. That is a linear
 Gaussian state space (position error, velocity error, bias), whose likelihood a Kalman filter gives
-without approximation at any spacing of the fixes. Linear unknowns (windage, mean error) are
-regressed at the same time and integrated out with a flat prior. This is restricted maximum
-likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545), which does not underestimate
-the bias where drifters are few.
+exactly for any spacing of the fixes. Linear unknowns (windage, mean error) are regressed at the
+same time and integrated out with a flat prior. This is restricted maximum likelihood (Patterson and
+Thompson 1971, doi:10.1093/biomet/58.3.545), which does not underestimate the bias if drifters are
+few.
 """
 
 from collections.abc import Sequence
@@ -20,30 +19,32 @@ import numpy.typing as npt
 from geo.array import Array
 
 NAMES = ("std", "time", "bias", "diffusivity", "noise")
-# for shorter steps, in decorrelation times, a series replaces differences of nearly equal numbers
+# below this step (in decorrelation times) a series replaces differences of nearly equal numbers
 SMALL = 1e-2
 
 
 @dataclass(frozen=True)
 class Law:
-    """The errors of one component; a part that is zero is switched off."""
+    """The error law of one component; a part that is zero is switched off."""
 
     std: float  # [m/s] of the Ornstein-Uhlenbeck velocity
-    time: float  # [s] in which its correlation falls to 1/e
-    bias: float  # [m/s] standard deviation, over drifters, of a velocity that each keeps
+    time: float  # [s] decorrelation time: its correlation falls to 1/e
+    bias: (
+        float  # [m/s] standard deviation, over drifters, of each drifter's constant velocity error
+    )
     diffusivity: float  # [m2/s]
     noise: float  # [m] standard deviation of a fix
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Residuals of many drifters' fixes, padded to the longest.
+    """Residuals of many drifters' fixes, padded to the longest track.
 
-    A stretch is a run of fixes without a long gap. step: time since the fix before [s], shape
+    A stretch is a run of fixes without a long gap. step: time since the previous fix [s], shape
     (drifters, fixes); 0 at a first fix. fresh: whether a fix begins a stretch. there: whether a fix
     is one of the drifter's, not padding. data: how far the drifter went beyond the model since the
-    stretch's begin, east and north [m], shape (drifters, fixes, 2). regressors: how much a unit of
-    each unknown of the mean adds to that, shape (drifters, fixes, 2, unknowns).
+    start of the stretch, east and north [m], shape (drifters, fixes, 2). regressors: derivative of
+    that by each unknown of the mean, shape (drifters, fixes, 2, unknowns).
     """
 
     step: Array
@@ -54,19 +55,19 @@ class Tracks:
 
     @property
     def increments(self) -> int:
-        """Number of displacements between fixes, of which each has two components."""
+        """Number of displacements between fixes; each has two components."""
         return int((self.there & ~self.fresh).sum())
 
 
 @dataclass(frozen=True)
 class Likelihood:
-    """How likely tracks are under a law, with the likeliest unknowns of the mean.
+    """The likelihood of tracks under a law, with the most likely unknowns of the mean.
 
-    log: restricted log likelihood. mean: the unknowns, (unknowns,); covariance: theirs under the
-    law. own: log likelihood of each drifter at that mean, (drifters,). innovations: standardised
-    errors of the forecast of each fix from those before it, (drifters, fixes, 2); log_variance:
-    that of these forecasts, (drifters, fixes); both are NaN where no forecast is. score: derivative
-    of `own` by the unknowns, (drifters, unknowns).
+    log: restricted log likelihood. mean: the unknowns, (unknowns,); covariance: of their errors
+    under the law. own: log likelihood of each drifter at that mean, (drifters,). innovations:
+    standardised errors of the prediction of each fix from those before it, (drifters, fixes, 2);
+    log_variance: of these predictions, (drifters, fixes); both are NaN where there is no
+    prediction. score: derivative of `own` by the unknowns, (drifters, unknowns).
     """
 
     log: float
@@ -79,12 +80,11 @@ class Likelihood:
 
 
 def _steps(std: Array, memory: Array, step: Array) -> tuple[Array, Array, Array, Array]:
-    """Return phi, variance of i, covariance of i and e, variance of e, of an Ornstein-Uhlenbeck
-    velocity.
+    """Return phi, var(i), cov(i, e) and var(e) of an Ornstein-Uhlenbeck velocity, each by step [s].
 
-    All are by step [s]. Over a step that begins with the velocity v0, it ends as v = phi v0 + e,
-    and its integral is T (1 - phi) v0 + i, where T is the decorrelation time, `memory`. The moments
-    of (i, e) are those of Uhlenbeck and Ornstein 1930 (doi:10.1103/PhysRev.36.823), eq. 4 to 9.
+    A step that begins with the velocity v0 ends with v = phi v0 + e, and the velocity's integral
+    over it is T (1 - phi) v0 + i, where T is the decorrelation time, `memory`. The moments of (i,
+    e) are those of Uhlenbeck and Ornstein 1930 (doi:10.1103/PhysRev.36.823), eq. 4 to 9.
     """
     a = step / memory
     lost = -np.expm1(-a)
@@ -99,8 +99,9 @@ def _steps(std: Array, memory: Array, step: Array) -> tuple[Array, Array, Array,
 
 
 def spread(law: Law, step: npt.ArrayLike) -> Array:
-    """Return the variance [m2] of a component of the error over steps [s] between two fixes, with
-    their errors.
+    """Return the variance [m2] of one component of the error over steps [s], (n,).
+
+    The errors of both fixes are included.
     """
     step = np.asarray(step, np.float64)
     a = step / law.time
@@ -110,10 +111,10 @@ def spread(law: Law, step: npt.ArrayLike) -> Array:
 
 
 def correlation(law: Law, lag: npt.ArrayLike, span: float) -> Array:
-    """Return the covariance [m2/s2] of mean velocity errors over spans [s].
+    """Return the covariance [m2/s2] of mean velocity errors over two spans [s].
 
-    The spans begin `lag` [s] apart, which is at least their length. The errors of fixes are left
-    out, because two spans share a fix only where they touch.
+    The spans begin `lag` [s] apart, which is at least their length. Errors of the fixes are left
+    out, because two spans share a fix only if they touch.
     """
     lag, a = np.asarray(lag, np.float64), span / law.time
     within = (2 * np.sinh(a / 2) / a) ** 2 if a > SMALL else 1 + a**2 / 12
@@ -121,14 +122,15 @@ def correlation(law: Law, lag: npt.ArrayLike, span: float) -> Array:
 
 
 def likelihood(law: Law, tracks: Tracks) -> Likelihood:
-    """Return how likely tracks are under a law (Kalman 1960; Durbin and Koopman 2012, section 4.3)."""
+    """Return the likelihood of tracks under a law.
+
+    Kalman 1960; Durbin and Koopman 2012, section 4.3.
+    """
     return likelihoods([law], tracks)[0]
 
 
 def likelihoods(laws: Sequence[Law], tracks: Tracks) -> list[Likelihood]:
-    """Return how likely tracks are under each of several laws, which together take little more time
-    than one.
-    """
+    """Return the likelihood of tracks under several laws, hardly slower than for one."""
     drifters, fixes = tracks.step.shape
     unknowns = tracks.regressors.shape[-1]
     count = len(laws)
@@ -162,7 +164,7 @@ def likelihoods(laws: Sequence[Law], tracks: Tracks) -> list[Likelihood]:
     for k in range(fixes):
         state = move[k] @ state
         cov = move[k] @ cov @ transposed[k] + noise[k]
-        if k in begins:  # after a gap only the fix tells the position; velocity and bias are kept
+        if k in begins:  # after a gap only the fix determines the position; velocity and bias stay
             new = fresh[k]
             state[new, 0] = observed[k][new]
             cov[new, 0, :] = cov[new, :, 0] = 0.0
@@ -184,7 +186,7 @@ def likelihoods(laws: Sequence[Law], tracks: Tracks) -> list[Likelihood]:
 
 
 def _regressed(scaled: Array, log_variance: Array) -> Likelihood:
-    """Return the likelihood, given standardised errors of forecasts.
+    """Return the likelihood from standardised prediction errors.
 
     scaled: (drifters, fixes, 2, 1 + unknowns), the data first.
     """
@@ -211,9 +213,9 @@ def _regressed(scaled: Array, log_variance: Array) -> Likelihood:
 
 
 def join_drifters(pieces: Sequence[tuple[Array, Array, Array, Array]]) -> Tracks:
-    """Return drifters as one record.
+    """Return the residuals of several drifters as one record.
 
-    pieces: (step (n,), fresh (n,), data (n, 2), regressors (n, 2, unknowns)).
+    pieces: (step (n,), fresh (n,), data (n, 2), regressors (n, 2, unknowns)) of each.
     """
     longest = max((len(piece[0]) for piece in pieces), default=0)
 

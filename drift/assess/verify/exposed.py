@@ -1,11 +1,11 @@
-"""Parts of drifters' tracks in which their errors can be seen, whether or not the drifters run
-aground later.
+"""Parts of tracks that can be compared with a model without bias from drifters that run aground.
 
-Of a drifter that runs aground, the way on which it does is not known: the shore cut it short. Ways
-that led ashore are missing then, and the others lean offshore. So in a set of drifters some of
-which run aground, each track ends at the first fix from which its drifter might have run aground
-before the next. Where a track ends depends on what came before, and not on the ways that are left
-out; data that are missing so do not bias a likelihood (Rubin 1976, doi:10.1093/biomet/63.3.581).
+The last displacement of a drifter that runs aground is not known: the shore cut it short. So
+displacements towards the shore are missing, and the others lean offshore. Therefore, if any drifter
+of a set runs aground, each track ends at the first fix from which its drifter might have run
+aground before the next. Where a track ends depends on what came before, not on the displacements
+left out; data missing in this way do not bias a likelihood (Rubin 1976,
+doi:10.1093/biomet/63.3.581).
 """
 
 from collections.abc import Sequence
@@ -21,23 +21,32 @@ from drift.tracking.tracks.records import Track
 from geo import sphere
 from geo.array import Array
 
-FAST = 0.99  # share of the speeds between fixes that are at most as fast as what counts as reach
+FAST = 0.99  # quantile of the speeds between fixes that defines the reach of a drifter
 
 
 @dataclass(frozen=True)
 class Exposed:
-    """Parts of tracks that are compared with a model, and notes on what was left out."""
+    """Parts of tracks to compare with a model, and notes on what was left out."""
 
     tracks: tuple[Track, ...]
     notes: tuple[str, ...]
 
 
 def exposed(stranded: Stranded, coast: Coast, gap: float) -> Exposed:
-    """Return the parts of tracks in which errors are compared; gap: longest time between fixes of a
-    way [s].
+    """Return the parts of tracks that are compared with a model.
 
-    Fixes of drifters that have stopped are left out. Raises UserError where the case's shoreline
-    cannot be read.
+    Fixes of drifters that have stopped are left out.
+
+    Args:
+        stranded: tracks with their fixes aground and stopped.
+        coast: the case's coast.
+        gap: longest time between two fixes [s].
+
+    Returns:
+        Parts of tracks, with notes.
+
+    Raises:
+        UserError: the case's shoreline cannot be read.
     """
     notes = []
     masks = [own | other for own, other in zip(stranded.ashore, stranded.stopped, strict=True)]
@@ -55,10 +64,9 @@ def exposed(stranded: Stranded, coast: Coast, gap: float) -> Exposed:
 def _before_the_shore(
     stranded: Stranded, coast: Coast, gap: float, afloat: Sequence[Array], notes: list[str]
 ) -> list[Array]:
-    """Return which fixes (numbers) come before the shore is in reach, and the first one with it in
-    reach.
+    """Return the fixes (indices) before the shore is in reach, and the first fix in reach of it.
 
-    afloat: numbers of the fixes of each track that are considered; notes: to add one to.
+    afloat: indices of the fixes of each track to consider; notes: receives a note.
     """
     tracks = stranded.tracks
     first = [int(np.argmax(mask)) if mask.any() else mask.size for mask in stranded.ashore]
@@ -93,9 +101,9 @@ def _before_the_shore(
 
 
 def _speeds(track: Track, gap: float) -> Array:
-    """Return the speed from each fix to the next [m/s], (n,);
+    """Return the speed from each fix to the next [m/s], (n,).
 
-    NaN after the last, and over more than gap [s].
+    It is NaN for the last fix, and if the next is more than `gap` [s] later.
     """
     lon, lat = np.radians(track.lon), np.radians(track.lat)
     step = np.diff(track.time)

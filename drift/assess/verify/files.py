@@ -1,4 +1,4 @@
-"""A verification as a table, as netCDF, and in numbers. Writes no file."""
+"""A verification as a CSV table, as netCDF, and as numbers for summary.json."""
 
 from typing import Any
 
@@ -15,15 +15,13 @@ from geo.array import Array
 Variable = tuple[tuple[str, ...], Array, dict[str, str]]  # dimensions, values and attributes
 
 SUMMARY = (
-    "Forecasts of real drifters from many starts beside what the drifters did: separation, spread, which areas held them, "
+    "Forecasts of real drifters from many starts, compared with their tracks: separation, spread, areas that held them, "
     "ranks and skill."
 )
 
 
 def summary_of_verification(result: Verification) -> dict[str, Any]:
-    """Return the summary's numbers: shares held, separations and skill, each with its clustered
-    standard error.
-    """
+    """Return shares held, separations, ranks and skill for summary.json, with standard errors."""
 
     def numbers_of(estimate: Estimate) -> dict[str, Any]:
         return {"mean": estimate.mean, "standard_error": estimate.error, "count": estimate.count}
@@ -148,7 +146,7 @@ def dataset(result: Verification) -> xr.Dataset:
             "drifter_lat": position(result.lat, "latitude", "degrees_north"),
             "separation": metres(result.apart, "distance of the mean position from the drifter"),
             "persistence": metres(result.waiting, "distance of the start from the drifter"),
-            "way": metres(result.way, "way of the drifter since the start"),
+            "way": metres(result.way, "path length of the drifter since the start"),
             "spread": metres(
                 result.spread, "root mean square distance of the particles from their mean"
             ),

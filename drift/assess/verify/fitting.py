@@ -1,12 +1,11 @@
-"""Errors of a case's forcing and the windage of what drifts, from drifters' tracks: `drift
-fit-errors`.
+"""Estimate forcing errors and windage from drifters' tracks: `drift fit-errors`.
 
-The parameters of `drift.assess.verify.error_law` are those under which the tracks are likeliest.
-Standard errors are those of the parameters' logarithms, from the curvature of the log likelihood.
-With ten drifters or more there is also the sandwich estimate, from the spread of the drifters' own
-scores (clustered by drifter; White 1982, doi:10.2307/1912526). It holds where the law holds only
-roughly, but is inaccurate where drifters are few: the larger of both is printed. A parameter that
-the data do not tell is marked so, with an upper limit.
+The parameters of `drift.assess.verify.error_law` are estimated by maximum likelihood. Standard
+errors are of the parameters' logarithms, from the curvature of the log likelihood. With ten
+drifters or more there is also the sandwich estimate, from the spread of the drifters' own scores
+(clustered by drifter; White 1982, doi:10.2307/1912526). It holds even if the law is only
+approximate, but is inaccurate for few drifters; the larger of the two is printed. A parameter that
+the data do not determine is marked, with an upper limit.
 """
 
 import math
@@ -33,7 +32,7 @@ from kernels.runtime import runtime
 
 Report = Callable[[str, float], None]
 
-# smallest and largest value of each parameter, SI: far outside all that has been published
+# smallest and largest value of each parameter, SI: far outside the published range
 BOUNDS = {
     "std": (1e-3, 5.0),
     "time": (300.0, 60 * 86_400.0),
@@ -41,9 +40,9 @@ BOUNDS = {
     "diffusivity": (1e-4, 1e4),
     "noise": (0.1, 2e4),
 }
-FEWEST = 12  # fewest ways between fixes for a fit
-ENOUGH = 10  # fewest drifters with which the spread between them counts
-# with this standard error of its logarithm, or a larger one, a parameter counts as not identified
+FEWEST = 12  # fewest displacements between fixes for a fit
+ENOUGH = 10  # fewest drifters for clustered standard errors
+# standard error of a parameter's logarithm from which it counts as not identified
 VAGUE = 0.7
 STEP = 0.05  # step of a logarithm for second derivatives
 SLOPE = 1e-5  # step of a logarithm for first derivatives
@@ -55,10 +54,10 @@ LAGS = np.array([1.0, 3.0, 6.0, 12.0, 24.0, 48.0])  # [h]
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter: its value, the standard error of its logarithm, and whether the data tell it.
+    """One parameter: its value, the standard error of its logarithm, whether the data determine it.
 
-    error: the standard error that is printed; curvature: that from the curvature alone. limit:
-    upper limit (95 %) of a parameter that is not identified; NaN for `time`, which has none.
+    error: the standard error that is printed; curvature: from the curvature alone. limit: upper
+    limit (95 %) of a parameter that is not identified; NaN for `time`, which has none.
     """
 
     value: float
@@ -70,15 +69,15 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Fit:
-    """The errors that suit drifters, and how well they are known."""
+    """The fitted forcing errors, and how well they are determined."""
 
     law: Law
     parameters: Mapping[str, Parameter]
-    windage: float  # of what drifts, as a share of the wind speed; NaN without a wind
+    windage: float  # of the drifters, as a share of the wind speed; NaN without a wind
     windage_error: float
     mean: tuple[float, float]  # [m/s] mean error of the model, east and north
     mean_error: tuple[float, float]
-    # whether standard errors count the spread between drifters, not the curvature alone
+    # whether standard errors include the spread between drifters, not only the curvature
     clustered: bool
     log: float
     names: tuple[str, ...]  # of the drifters
@@ -90,8 +89,10 @@ class Fit:
 
     @property
     def standing_bias(self) -> float:
-        """Bias [m/s] to state where the mean error stays in: both together, less the variance of
-        the mean error.
+        """Bias [m/s] to state in a case that does not correct the model's mean error.
+
+        Its square is that of the fitted bias plus that of the mean error, minus the latter's
+        variance.
         """
         square = (np.square(self.mean).sum() - np.square(self.mean_error).sum()) / 2
         return math.sqrt(self.law.bias**2 + max(float(square), 0.0))
@@ -112,35 +113,35 @@ def fit_errors(
     backend: str = "cpu",
     report: Report | None = None,
 ) -> Fit:
-    """Return the errors of a case's forcing that suit the tracks of drifters.
+    """Estimate the errors of a case's forcing from the tracks of drifters.
 
     Args:
-        case: whose forcing is held against the drifters.
+        case: whose forcing is compared with the drifters.
         files: a file of tracks (CSV or netCDF), or tracks.
-        columns: the model's values at the drifter's places from columns of its file,
-            {"current_east": "u", ..} [m/s], which are then used everywhere about it.
-        gap: longest time between fixes [s] over which ways are compared.
-        fastest: speed [m/s] beyond which a fix is not believed.
+        columns: columns of the file with the model's values at the drifter's positions,
+            {"current_east": "u", ..} [m/s]; these values are used everywhere around the drifter.
+        gap: longest time between fixes [s] over which displacements are compared.
+        fastest: speed [m/s] beyond which a fix is rejected.
         ends_aground: whether a drifter whose track ends near the shore ran aground there.
-        held_out: whether to fit half of the drifters, or half of the days of one, as well, and test
-            that on the others.
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that
-            name; they are only read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a
-            bit of the results.
+        held_out: whether also to fit half of the drifters, or half of the days of a single one, and
+            test that fit on the other half.
+        datasets: xarray.Datasets of sources with `dataset = "name"`, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. The number of threads does
+            not change a bit of the results.
         backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics
-            card where one is worth it. A process keeps the backend and the threads that it began
+            card where one is worth it. A process keeps the backend and the threads that it started
             with.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share
-            of it that is done, 0 to 1; `drift.progress` makes one. An exception that it raises ends
-            the run.
+        report: callback that takes the current phase ("read", "drift", "map", "write" ..) and the
+            share of it that is done, 0 to 1; `drift.progress` makes one. An exception that it
+            raises ends the run.
 
     Returns:
         Windage, standard deviation [m/s], decorrelation time [s], bias [m/s] and diffusivity
         [m2/s], with standard errors, and the `[uncertainty]` to paste into a case.
 
     Raises:
-        UserError: no track is left, or they are too few to fit to.
+        UserError: no track is left, or there are too few displacements for a fit.
     """
     tell = report or (lambda phase, share: None)
     tell("read", 0.0)
@@ -149,15 +150,15 @@ def fit_errors(
     tracks = read_tracks(files, names)
     if not isinstance(gap, int | float) or not gap > 0:
         raise UserError(f"--max-gap {gap!r} must be above 0 s")
-    believed = drifter_records.believed(tracks, fastest)
-    if not believed.tracks:
-        raise UserError(f"--drifters: no track is left; {'; '.join(believed.notes)}")
-    seen = exposed.exposed(starts.strand(believed, case.coast, ends_aground), case.coast, gap)
-    notes = (*believed.notes, *seen.notes)
-    if not seen.tracks:
+    checked = drifter_records.believed(tracks, fastest)
+    if not checked.tracks:
+        raise UserError(f"--drifters: no track is left; {'; '.join(checked.notes)}")
+    usable = exposed.exposed(starts.strand(checked, case.coast, ends_aground), case.coast, gap)
+    notes = (*checked.notes, *usable.notes)
+    if not usable.tracks:
         raise UserError(f"--drifters: no track is left; {'; '.join(notes)}")
-    runtime.start(backend, threads, sum(track.time.size for track in seen.tracks))
-    comparison = along.compared(case, seen.tracks, names, gap, fastest, datasets)
+    runtime.start(backend, threads, sum(track.time.size for track in usable.tracks))
+    comparison = along.compared(case, usable.tracks, names, gap, fastest, datasets)
     tell("fit", 0.0)
     return fitted_errors(
         comparison.ways, comparison.wind, (*notes, *comparison.notes), held_out=held_out
@@ -167,7 +168,7 @@ def fit_errors(
 def read_tracks(
     files: str | os.PathLike[str] | Sequence[Track], columns: Mapping[str, str]
 ) -> Sequence[Track]:
-    """Return the tracks of a file with the columns that are wanted, or the tracks that are given."""
+    """Return the tracks of a file with the requested columns, or the given tracks."""
     if isinstance(files, str | os.PathLike):
         return reading.read_drifters(Path(files), list(dict.fromkeys(columns.values())))
     for track in files:
@@ -179,15 +180,13 @@ def read_tracks(
 def fitted_errors(
     ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out: bool = False
 ) -> Fit:
-    """Return the fit of errors to ways; wind: whether windage is fitted too; held_out: as in
-    `fit_errors`.
-    """
+    """Fit the error law to displacements; with `wind` windage too; held_out: as in `fit_errors`."""
     tracks = along.residuals(ways, wind)
     if tracks.increments < FEWEST:
-        told = f" ({'; '.join(notes)})" if notes else ""
+        reasons = f" ({'; '.join(notes)})" if notes else ""
         raise UserError(
-            f"--drifters: {tracks.increments} ways between fixes are too few to fit {len(NAMES)} parameters to; "
-            f"give {FEWEST} or more{told}"
+            f"--drifters: {tracks.increments} displacements between fixes are too few to fit {len(NAMES)} "
+            f"parameters; give {FEWEST} or more{reasons}"
         )
     if wind and not _wind_varies(tracks):
         return fitted_errors(ways, False, (*notes, ONE_WIND), held_out=held_out)
@@ -214,8 +213,9 @@ def fitted_errors(
 
 
 def _free(ways: Sequence[Ways]) -> list[str]:
-    """Return the names of the parameters to fit: one drifter alone does not tell its bias from the
-    mean error.
+    """Return the names of the parameters to fit; one drifter does not determine its bias.
+
+    Its bias cannot be separated from the mean error.
     """
     return [name for name in NAMES if name != "bias" or len(ways) > 1]
 
@@ -223,9 +223,9 @@ def _free(ways: Sequence[Ways]) -> list[str]:
 def _parameters(
     law: Law, tracks: Tracks, free: Sequence[str], best: float
 ) -> tuple[dict[str, Parameter], bool]:
-    """Return the parameters of the likeliest law, and whether their errors are clustered.
+    """Return the parameters of the most likely law, and whether their errors are clustered.
 
-    best: its log likelihood.
+    best: the law's log likelihood.
     """
     errors, curvature, clustered = _errors(law, tracks, free)
     parameters = dict.fromkeys(NAMES, Parameter(math.nan, math.nan, math.nan, identified=False))
@@ -242,9 +242,9 @@ def _parameters(
 
 
 def _held_out(ways: Sequence[Ways], wind: bool) -> Held:
-    """Return how a law fitted to one half of the ways suits the other.
+    """Return how well a law fitted to one half of the displacements suits the other.
 
-    Raises UserError where a half is too small.
+    Raises UserError if a half is too small.
     """
     halves = hold_out.split(ways)
     if (
@@ -252,16 +252,15 @@ def _held_out(ways: Sequence[Ways], wind: bool) -> Held:
         < FEWEST
     ):
         raise UserError(
-            f"--hold-out: {halves.how} are fewer than {FEWEST} ways between fixes; leave it out, or give more"
+            f"--hold-out: {halves.how} have fewer than {FEWEST} displacements between fixes; leave "
+            "--hold-out out, or give more tracks"
         )
     law, best = likeliest(along.residuals(halves.fitted, wind), _free(halves.fitted))
     return hold_out.tested(law, best, halves, wind)
 
 
 def _wind_varies(tracks: Tracks) -> bool:
-    """Return whether windage and mean error can be told apart: in a wind that is always the same
-    they cannot.
-    """
+    """Return whether windage and mean error can be separated; in a constant wind they cannot."""
     likelihood = error_law.likelihood(_starts(tracks)[0], tracks)
     scale = np.sqrt(np.diag(likelihood.covariance))
     if not (scale > 0).all():
@@ -275,10 +274,18 @@ def likeliest(
     begin: Law | None = None,
     fixed: Mapping[str, float] | None = None,
 ) -> tuple[Law, error_law.Likelihood]:
-    """Return the law under which tracks are likeliest, and its likelihood.
+    """Return the law with the largest likelihood of the tracks, and its likelihood.
 
-    Parameters that are neither free nor fixed are zero. begin: where the search begins; by default
-    several laws are tried.
+    Parameters that are neither free nor fixed are zero.
+
+    Args:
+        tracks: residuals of the drifters.
+        free: names of the parameters to fit.
+        begin: starting point of the search; None: the best of several.
+        fixed: values of parameters that are not fitted, by name.
+
+    Returns:
+        The law and its likelihood.
     """
     fixed = dict(fixed or {})
     fitted = [name for name in free if name not in fixed]
@@ -293,7 +300,7 @@ def likeliest(
         return Law(**values)
 
     def cost(point: Array) -> tuple[float, Array]:
-        """Return minus the log likelihood, and its slope by differences."""
+        """Return minus the log likelihood, and its gradient by finite differences."""
         laws = [law(point), *(law(point + SLOPE * side) for side in np.eye(point.size))]
         value, *neighbours = (-candidate.log for candidate in error_law.likelihoods(laws, tracks))
         return value, (np.array(neighbours) - value) / SLOPE
@@ -323,9 +330,7 @@ def likeliest(
 
 
 def _starts(tracks: Tracks) -> list[Law]:
-    """Return laws from which the search may begin: errors as large as the data's, with long and
-    short memories.
-    """
+    """Return starting points of the search: errors as large as the data's, several time scales."""
     within = tracks.there & ~tracks.fresh
     moved = np.diff(tracks.data, axis=1, prepend=0.0)[within]
     speed = max(float(np.median(np.abs(moved / tracks.step[within][:, None]))) * 1.5, 5e-3)
@@ -339,10 +344,10 @@ def _starts(tracks: Tracks) -> list[Law]:
 def _errors(
     law: Law, tracks: Tracks, free: Sequence[str]
 ) -> tuple[dict[str, float], dict[str, float], bool]:
-    """Return standard errors of the parameters' logarithms, as printed and by curvature.
+    """Return standard errors of the parameters' logarithms: as printed, and from the curvature.
 
-    Third, it returns whether the first are clustered by drifter: they are where there are ENOUGH
-    drifters, and are then the larger of both.
+    The third value is whether the printed ones are clustered by drifter. They are if there are
+    ENOUGH drifters, and are then the larger of the two.
     """
     inside = [n for n in free if BOUNDS[n][0] * 1.05 < getattr(law, n) < BOUNDS[n][1] / 1.05]
 
@@ -390,7 +395,7 @@ def _errors(
 def _mean_errors(best: error_law.Likelihood, clustered: bool) -> Array:
     """Return standard errors of windage and mean error.
 
-    They are by the law or, where that is larger, clustered by drifter.
+    They follow from the law, or are clustered by drifter where that is larger.
     """
     variance = np.diag(best.covariance)
     if clustered:
@@ -405,7 +410,7 @@ def _mean_errors(best: error_law.Likelihood, clustered: bool) -> Array:
 def _limit(law: Law, tracks: Tracks, free: Sequence[str], name: str, best: float) -> float:
     """Return the upper limit (95 %) of a parameter by its profile likelihood.
 
-    It is inf where the data allow the largest.
+    It is inf if the data allow the largest value of BOUNDS.
     """
     low, high = math.log(max(getattr(law, name), BOUNDS[name][0])), math.log(BOUNDS[name][1])
 
@@ -423,25 +428,25 @@ def _limit(law: Law, tracks: Tracks, free: Sequence[str], name: str, best: float
 
 
 def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Array:
-    """Return hours, correlation of the data's velocity errors, its standard error, the law's,
-    (lags, 4).
+    """Return the autocorrelation of velocity errors by lag, (lags, 4).
 
+    The columns are hours, correlation of the data, its standard error, correlation of the law.
     Velocity errors are means over about an hour or longer. They are the sum of bias and
     Ornstein-Uhlenbeck velocity, without the mean error.
     """
     rows = []
-    pieces = [_velocities(way, mean, wind) for way in ways]
-    spans = np.concatenate([piece[2] for piece in pieces])
+    velocities = [_velocities(way, mean, wind) for way in ways]
+    spans = np.concatenate([piece[2] for piece in velocities])
     if not spans.size:
         return np.empty((0, 4))
     span = float(np.median(spans))
-    own = float(error_law.spread(law, span)) / span**2
-    variance = np.concatenate([(piece[1] ** 2).mean(axis=1) for piece in pieces]).mean()
+    law_variance = float(error_law.spread(law, span)) / span**2
+    variance = np.concatenate([(piece[1] ** 2).mean(axis=1) for piece in velocities]).mean()
     for lag in LAGS * 3600:
         if lag < 0.9 * span:
             continue
         products, weights = [], []
-        for time, velocity, _ in pieces:
+        for time, velocity, _ in velocities:
             window = (
                 np.searchsorted(time, time + 0.75 * lag),
                 np.searchsorted(time, time + 1.25 * lag),
@@ -466,16 +471,16 @@ def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Arr
                 lag / 3600,
                 covariance / variance,
                 error / variance,
-                float(error_law.correlation(law, lag, span)) / own,
+                float(error_law.correlation(law, lag, span)) / law_variance,
             ]
         )
     return np.array(rows).reshape(-1, 4)
 
 
 def _velocities(way: Ways, mean: Array, wind: bool) -> tuple[Array, Array, Array]:
-    """Return middles [s], mean velocity errors (n, 2) [m/s] and lengths [s] of pieces.
+    """Return midpoints [s], mean velocity errors (n, 2) [m/s] and durations [s] of pieces.
 
-    The pieces last about an hour or longer.
+    The pieces of the track last about an hour or longer.
     """
     tracks = along.residuals([way], wind)
     excess = tracks.data[0] - tracks.regressors[0] @ mean

@@ -8,29 +8,31 @@ from drift.tracking.tracks.clusters import Estimate
 
 Facts = dict[str, str]
 
-MISFIT = 0.25  # with a larger difference of correlations, data and law are said to differ
+MISFIT = 0.25  # difference of correlations from which the model is reported not to fit
 WORDS = {
     "std": ("current error, standard deviation", "m/s", 1.0),
     "time": ("current error, decorrelation time", "h", 3600.0),
-    "bias": ("bias that a drifter keeps, standard deviation", "m/s", 1.0),
+    "bias": ("constant bias per drifter, standard deviation", "m/s", 1.0),
     "diffusivity": ("diffusivity", "m2/s", 1.0),
     "noise": ("errors of the fixes, standard deviation", "m", 1.0),
 }
 
 
 def fitting_facts(fit: Fit) -> Facts:
-    """Return lines, by name, on what was fitted, how well it is known, and how it was checked."""
-    many = len(fit.names) > 1
+    """Return lines, by name, on the fitted parameters, their errors, and the hold-out check."""
+    several = len(fit.names) > 1
     lines = {
-        "drifters": f"{len(fit.names)}, {fit.increments:,} ways between fixes; log likelihood {fit.log:.1f}",
+        "drifters": f"{len(fit.names)}, {fit.increments:,} displacements between fixes; log likelihood {fit.log:.1f}",
         "standard errors": "the larger of the likelihood's curvature and of that clustered by drifter"
         if fit.clustered
         else "from the curvature of the likelihood: drifters are too few to cluster by",
     }
     for name in NAMES:
         label, unit, scale = WORDS[name]
-        if name == "bias" and not many:
-            lines[label] = "not determined by one drifter: its bias and the mean error are one"
+        if name == "bias" and not several:
+            lines[label] = (
+                "not determined by one drifter: its bias cannot be separated from the mean error"
+            )
         else:
             lines[label] = _parameter(fit.parameters[name], unit, scale)
     for label, value, error in zip(("east", "north"), fit.mean, fit.mean_error, strict=True):
@@ -46,14 +48,14 @@ def fitting_facts(fit: Fit) -> Facts:
         )
     if misfits := [f"{lag:g}" for lag, data, _, law in fit.correlation if abs(data - law) > MISFIT]:
         lines["the model does not fit"] = (
-            f"errors {', '.join(misfits)} h apart are correlated otherwise than by any decay: tides or inertial "
-            "motion, which a model is to bring; areas are then too small or too large at such times"
+            f"errors {', '.join(misfits)} h apart are not correlated like an exponential decay, perhaps by "
+            "tides or inertial motion that the forcing lacks; areas are too small or too large at such times"
         )
     if fit.held is not None:
         held = fit.held
         lines["held out"] = (
-            f"{held.how}, {held.increments:,} ways: log likelihood {held.other:.2f} each, "
-            f"{held.own:.2f} of those fitted"
+            f"{held.how}, {held.increments:,} displacements: log likelihood {held.other:.2f} each, "
+            f"{held.own:.2f} for the fitted half"
         )
         for coverage in held.coverage:
             if coverage.held.count:
@@ -63,7 +65,7 @@ def fitting_facts(fit: Fit) -> Facts:
 
 
 def _coverage(share: float, held: Estimate) -> str:
-    """Return how often an ellipse that should hold a share held a displacement."""
+    """Return as text how often an ellipse of a stated share held a displacement."""
     few = ", few days: rough" if held.few else ""
     independent = math.sqrt(share * (1 - share) / held.count)
     return (
@@ -73,7 +75,7 @@ def _coverage(share: float, held: Estimate) -> str:
 
 
 def _parameter(parameter: Parameter, unit: str, scale: float) -> str:
-    """Return a parameter in its unit, of which `scale` is the size in SI."""
+    """Return a parameter in its unit as text; scale: size of the unit in SI."""
     if parameter.identified:
         low, high = (
             parameter.value * math.exp(sign * 2 * parameter.error) / scale for sign in (-1, 1)
@@ -85,17 +87,17 @@ def _parameter(parameter: Parameter, unit: str, scale: float) -> str:
 
 
 def toml(fit: Fit) -> str:
-    """Return the errors as tables of a case.
+    """Return the fitted errors as tables of a case.
 
-    The bias includes the mean error. A source that takes the mean error out is given as a comment,
-    with the bias that is then left.
+    The bias includes the model's mean error. A comment holds a source that removes the mean error,
+    and the bias that is then left.
     """
     bias, count = fit.standing_bias, len(fit.names)
     parts = [f'std = "{fit.law.std:.3f} m/s"', f'time = "{fit.law.time / 3600:.1f} h"']
     if bias >= 5e-4:
         parts.append(f'bias = "{bias:.3f} m/s"')
     lines = [
-        f"[uncertainty]  # fitted to {count} drifter{'s' if count > 1 else ''}, {fit.increments:,} ways between fixes",
+        f"[uncertainty]  # fitted to {count} drifter{'s' if count > 1 else ''}, {fit.increments:,} displacements between fixes",
         f"current = {{ {', '.join(parts)} }}",
     ]
     walk = fit.parameters["diffusivity"]
@@ -111,7 +113,7 @@ def toml(fit: Fit) -> str:
         remedy = (
             f'state bias = "{fit.law.bias:.3f} m/s"'
             if bias_identified
-            else "state what is left of the bias, which these data do not determine"
+            else "state the rest of the bias, which these data do not determine"
         )
         lines += [
             "",

@@ -1,6 +1,4 @@
-"""How well a law of errors fitted to some drifters suits others: likelihood, and shares in
-ellipses.
-"""
+"""Test a fitted error law on held-out drifters: log likelihood, and coverage of ellipses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +12,7 @@ from drift.tracking.tracks import clusters
 from drift.tracking.tracks.clusters import Estimate
 from geo.array import Array
 
-# [s] of one drifter's track that is held out together: longer than errors are correlated
+# [s] length of a block of one drifter's track; longer than the correlation time of errors
 BLOCK = 3 * 86_400.0
 LEADS = (3.0, 6.0, 12.0, 24.0)  # [h]
 SHARES = (0.5, 0.9)
@@ -23,7 +21,7 @@ DAY = 86_400.0
 
 @dataclass(frozen=True)
 class Halves:
-    """The ways that are fitted, those that are held out, and how they were divided, in words."""
+    """The displacements that are fitted, those held out, and how they were divided, in words."""
 
     fitted: tuple[Ways, ...]
     held: tuple[Ways, ...]
@@ -32,9 +30,7 @@ class Halves:
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often the ellipse that should hold a share of the displacements over so many hours holds
-    them.
-    """
+    """How often the ellipse of a stated share holds the displacement over some hours."""
 
     hours: float
     share: float
@@ -43,10 +39,10 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Held:
-    """How a law fitted to one half suits it and the other half.
+    """How well a law fitted to one half suits both halves.
 
-    own, other: log likelihood per increment of the fitted half and of the other; increments,
-    coverage: of the other.
+    own, other: log likelihood per increment of the fitted half and of the held-out half.
+    increments, coverage: of the held-out half.
     """
 
     how: str
@@ -58,8 +54,9 @@ class Held:
 
 
 def split(ways: Sequence[Ways]) -> Halves:
-    """Return halves of every other drifter, in order of their first fixes, or every other block of
-    days of one.
+    """Split displacements in halves: every other drifter, or every other block of days of one.
+
+    Drifters are in the order of their first fixes.
     """
     if len(ways) > 1:
         order = sorted(ways, key=lambda way: float(way.time[0]))
@@ -73,7 +70,7 @@ def split(ways: Sequence[Ways]) -> Halves:
 
 
 def _part(way: Ways, keep: Array) -> Ways:
-    """Return the ways between some of a drifter's fixes; a stretch begins where fixes are left out."""
+    """Return the displacements between kept fixes; omitted fixes begin a new stretch."""
     index = np.flatnonzero(keep)
     fresh = way.fresh[index] | (np.diff(index, prepend=-2) > 1)
     time = way.time[index]
@@ -85,9 +82,7 @@ def _part(way: Ways, keep: Array) -> Ways:
 
 
 def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:
-    """Return how a law that was fitted to one half, with its windage and mean error, suits both
-    halves.
-    """
+    """Return how a law fitted to one half, with its windage and mean error, suits both halves."""
     tracks = along.residuals(halves.held, wind)
     excess = tracks.data - tracks.regressors @ best.mean
     residual = replace(tracks, data=excess, regressors=tracks.regressors[..., :0])
@@ -104,11 +99,11 @@ def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:
 
 
 def coverage(law: Law, ways: Sequence[Ways], excess: Array) -> tuple[Coverage, ...]:
-    """Return the coverage of displacements that follow one another.
+    """Return the coverage of consecutive displacements over each of LEADS.
 
-    excess: how far drifters went beyond the model since a stretch's begin [m], (drifters, fixes,
-    2). The ellipse of a bivariate normal with the same variance on both axes holds a share p within
-    -2 log(1 - p) variances.
+    excess: how far the drifters went beyond the model since the start of each stretch [m],
+    (drifters, fixes, 2). The ellipse of a bivariate normal with equal variances holds a share p
+    within -2 log(1 - p) variances.
     """
     result = []
     for hours in LEADS:

@@ -1,6 +1,4 @@
-"""The picture of a verification: distances by time, shares that areas held, and ranks of the
-drifters.
-"""
+"""The picture of a verification: distances by time, shares held by areas, ranks of drifters."""
 
 import itertools
 from pathlib import Path
@@ -18,7 +16,7 @@ from drift.products.maps.sheet import Row, Sheet
 from geo.notation import NMI
 
 BLUE, RED, SAND = "#0b4f8a", "#a33b20", "#b9802a"
-# Colours and marks of areas, in order of their shares: ten marks, which are told apart in grey too.
+# Colours and marks of areas, in order of their shares; the ten marks are distinct in grey too.
 MARKS = tuple(zip(itertools.cycle(("#5b8db8", BLUE, RED, SAND)), "so^DvPX<>*", strict=False))
 SHEET = Sheet(
     11.7,
@@ -33,10 +31,10 @@ SHEET = Sheet(
 
 def plot_verification(result: Verification, path: Path, imprint: Imprint) -> None:
     """Draw a verification into a PNG."""
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     figure, doubt = on.figure, verification_text.doubt(result)
     about = f"forecasts: {verification_text.verification_facts(result)['forecasts']}{f'; {doubt}' if doubt else ''}"
-    sheet.head(on, imprint, verification_text.headline(result), about)
+    sheet.write_head(on, imprint, verification_text.headline(result), about)
     _distances(figure.add_axes((0.07, 0.5, 0.40, 0.33)), result)
     _held(figure.add_axes((0.56, 0.5, 0.40, 0.33)), result)
     last = f"after {result.leads[-1]:g} h"
@@ -55,7 +53,7 @@ def plot_verification(result: Verification, path: Path, imprint: Imprint) -> Non
             low,
             high,
         )
-    sheet.end(on, path, imprint, f"{imprint.title}: forecasts of drifters")
+    sheet.finish_page(on, path, imprint, f"{imprint.title}: forecasts of drifters")
 
 
 def _distances(axes: Axes, result: Verification) -> None:
@@ -114,11 +112,11 @@ def _distances(axes: Axes, result: Verification) -> None:
     axes.set_xlim(0, hours[-1])
     axes.set_ylim(0, None)
     axes.legend(fontsize=7, frameon=False, loc="upper left")
-    _plain(axes)
+    _style_axes(axes)
 
 
 def _held(axes: Axes, result: Verification) -> None:
-    """Draw the share of positions that each area held, by lead, beside what it should hold."""
+    """Draw the share of positions that each area held, by lead, beside its stated share."""
     place = np.arange(result.leads.size, dtype=float)
     for k, (share, (colour, mark)) in enumerate(
         zip(result.shares, itertools.cycle(MARKS), strict=False)
@@ -151,13 +149,13 @@ def _held(axes: Axes, result: Verification) -> None:
         color=INK,
     )
     axes.legend(fontsize=8, frameon=False, loc="lower right", ncols=2)
-    _plain(axes)
+    _style_axes(axes)
 
 
 def _ranks(
     axes: Axes, result: Verification, ranks: np.ndarray, title: str, low: str, high: str
 ) -> None:
-    """Draw a histogram of ranks (n,) with two standard errors, and the level of equal shares."""
+    """Draw a histogram of ranks (n,) with two standard errors, and the level of uniform ranks."""
     number = np.minimum((ranks * verification.BINS).astype(int), verification.BINS - 1)
     estimates = [result.mean(number == k, share=True) for k in range(verification.BINS)]
     middle = (np.arange(verification.BINS) + 0.5) / verification.BINS
@@ -181,10 +179,10 @@ def _ranks(
     labels[0].set_horizontalalignment("left")
     labels[-1].set_horizontalalignment("right")
     axes.set_yticks(ticks := axes.get_yticks()[:6], [f"{100 * tick:.0f} %" for tick in ticks])
-    _plain(axes)
+    _style_axes(axes)
 
 
-def _plain(axes: Axes) -> None:
+def _style_axes(axes: Axes) -> None:
     axes.tick_params(labelsize=8, colors=INK)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="y", color="#d5dbe1", linewidth=0.6)

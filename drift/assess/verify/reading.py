@@ -1,11 +1,10 @@
-"""Reading tracks of drifters as files hold them: CSV, and netCDF with CF trajectories.
+"""Read tracks of drifters from CSV, or from netCDF with CF trajectories.
 
-CSV: one fix in each row, in any order; id, time and position in columns under their common names; a
-second header row may hold units, as in files of the Global Drifter Program. netCDF: (trajectory,
-obs) padded with missing values (as trajan writes it too), (trajectory, time), or one track after
-another with the length of each (contiguous ragged) or with the number of the track of each fix
-(indexed ragged), CF 1.11, appendix H.4. drift.tracking.tracks.records decides which fixes are
-believed.
+CSV: one fix in each row, in any order; id, time and position in columns with common names; a second
+header row may hold units, as in files of the Global Drifter Program. netCDF (CF 1.11, appendix
+H.4): (trajectory, obs) padded with missing values (as trajan writes it too); (trajectory, time); or
+one track after another, with the length of each (contiguous ragged) or with the track number of
+each fix (indexed ragged). drift.tracking.tracks.records decides which fixes are used.
 """
 
 import csv
@@ -28,7 +27,7 @@ from geo.files import dataset, small
 from geo.forcing.quantity import QUANTITIES
 
 LARGEST = 1024 * 2**20  # [bytes] largest CSV file
-NAMES = {  # common names of columns, in lower case without blanks, underscores and hyphens
+NAMES = {  # common names of columns, in lower case without spaces, underscores and hyphens
     "id": (
         "id",
         "platformcode",
@@ -84,10 +83,18 @@ DATASETS = (".nc", ".nc4", ".netcdf", ".cdf")
 def read_drifters(
     path: str | os.PathLike[str], columns: Sequence[str] = (), given_as: str = "--drifters"
 ) -> tuple[Track, ...]:
-    """Return the tracks of a file; columns: names of other columns to read with them.
+    """Return the tracks of a file.
 
-    given_as: what the command line calls the file. Raises UserError, one line, where the file holds
-    no tracks.
+    Args:
+        path: CSV or netCDF file, or a Zarr folder.
+        columns: names of further columns to read.
+        given_as: name of the option by which the command line takes the file, for messages.
+
+    Returns:
+        The tracks.
+
+    Raises:
+        UserError: the file holds no tracks.
     """
     path = Path(path)
     try:
@@ -100,26 +107,21 @@ def read_drifters(
         raise UserError(f'{given_as} "{path}": {" ".join(str(error).split())[:300]}') from None
 
 
-def _plain(name: str) -> str:
-    """Return a column's name as NAMES has it: in lower case, without the unit in brackets that
-    ERDDAP writes.
-    """
+def _plain_name(name: str) -> str:
+    """Return a column's name as in NAMES: lower case, without a unit in brackets (ERDDAP)."""
     return re.sub(r"[\s_\-]|\(.*\)|\[.*\]", "", name).lower()
 
 
-def _column(header: Sequence[str], what: str) -> int | None:
-    """Return which column holds the id, time, lon or lat: that with the first common name.
-
-    Returns None where there is none.
-    """
-    plain = [_plain(name) for name in header]
-    return next((plain.index(name) for name in NAMES[what] if name in plain), None)
+def _column(header: Sequence[str], role: str) -> int | None:
+    """Return the index of the column with a common name of id, time, lon or lat; None if absent."""
+    plain = [_plain_name(name) for name in header]
+    return next((plain.index(name) for name in NAMES[role] if name in plain), None)
 
 
 def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
-    """Return the tracks of a CSV file; raise ValueError where it holds none."""
+    """Return the tracks of a CSV file; raise ValueError if it has none."""
     try:
-        text = small.contents(path, LARGEST).decode("utf-8-sig")
+        text = small.read_small_file(path, LARGEST).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ValueError("is neither netCDF (.nc) nor a table as text in UTF-8 (.csv)") from None
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
@@ -128,9 +130,9 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     delimiter = max(",;\t", key=lines[0].count)
     header, *rows = list(csv.reader(lines, delimiter=delimiter, skipinitialspace=True))
     id_column = _column(header, "id")
-    positions = {what: _column(header, what) for what in ("time", "lon", "lat")}
-    columns = {what: index for what, index in positions.items() if index is not None}
-    if missing_key := next((what for what in positions if what not in columns), None):
+    positions = {role: _column(header, role) for role in ("time", "lon", "lat")}
+    columns = {role: index for role, index in positions.items() if index is not None}
+    if missing_key := next((role for role in positions if role not in columns), None):
         raise ValueError(
             f"no column of {missing_key}; its columns are {', '.join(header)[:200]}; one must be called "
             f"{', '.join(NAMES[missing_key][:4])}"
@@ -146,9 +148,9 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
         *([] if id_column is None else [id_column]),
     ]
     width = max(used) + 1
-    # what a short row lacks counts as missing
+    # cells that a short row lacks are missing values
     rows = [[*row, *[""] * (width - len(row))] for row in rows]
-    comma = delimiter != ","  # a comma may then be a decimal one, as half of Europe writes it
+    comma = delimiter != ","  # then a comma may be a decimal comma, as in half of Europe
     lat = _numbers((row[columns["lat"]] for row in rows), comma)
     if (
         rows and not np.isfinite(lat[0]) and not _is_time(rows[0][columns["time"]])
@@ -157,25 +159,29 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     if not rows:
         raise ValueError("holds no fix")
     clock = next(
-        (i for i, name in enumerate(header) if _plain(name) in ("time", "timeutc", "hour", "hms")),
+        (
+            i
+            for i, name in enumerate(header)
+            if _plain_name(name) in ("time", "timeutc", "hour", "hms")
+        ),
         None,
     )
     stamps = [row[columns["time"]].strip() for row in rows]
-    if _plain(header[columns["time"]]) == "date" and clock is not None:
+    if _plain_name(header[columns["time"]]) == "date" and clock is not None:
         stamps = [f"{stamp} {row[clock].strip()}" for stamp, row in zip(stamps, rows, strict=True)]
     elif (
         clock is not None
-        and (day := next((i for i, n in enumerate(header) if _plain(n) == "date"), None))
+        and (day := next((i for i, n in enumerate(header) if _plain_name(n) == "date"), None))
         is not None
     ):
         stamps = [f"{row[day].strip()} {row[clock].strip()}" for row in rows]
     time = _times(stamps)
     lon = _numbers((row[columns["lon"]] for row in rows), comma)
-    for what, values in (("lon", lon), ("lat", lat)):
+    for role, values in (("lon", lon), ("lat", lat)):
         if not np.isfinite(values).any():
-            title, first = header[columns[what]], rows[0][columns[what]]
+            title, first = header[columns[role]], rows[0][columns[role]]
             raise ValueError(
-                f'no row has a number in its column of {what}, "{title}": the first has "{first[:40]}"; '
+                f'no row has a number in its column of {role}, "{title}": the first has "{first[:40]}"; '
                 "write degrees like -5.5"
             )
     others = {name: _numbers((row[names.index(name)] for row in rows), comma) for name in wanted}
@@ -185,7 +191,7 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     return _split(track, np.array([row[id_column].strip() for row in rows]))
 
 
-def _split(whole: Track, name: Array) -> tuple[Track, ...]:
+def _split(all_fixes: Track, name: Array) -> tuple[Track, ...]:
     """Return the tracks of several drifters, in the order of their first fixes.
 
     name: the drifter of each fix, (n,).
@@ -193,15 +199,12 @@ def _split(whole: Track, name: Array) -> tuple[Track, ...]:
     names, first_fix, number = np.unique(name, return_index=True, return_inverse=True)
     fixes_of = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
     return tuple(
-        replace(selected(whole, fixes_of[k]), name=str(names[k])) for k in np.argsort(first_fix)
+        replace(selected(all_fixes, fixes_of[k]), name=str(names[k])) for k in np.argsort(first_fix)
     )
 
 
 def _numbers(texts: Iterable[str], comma: bool) -> Array:
-    """Return texts as numbers, NaN where one is no number.
-
-    comma: whether a comma may stand for the decimal point.
-    """
+    """Return texts as numbers, NaN for other text; comma: whether a comma may be decimal."""
 
     def number(text: str) -> float:
         try:
@@ -220,18 +223,18 @@ def _is_time(text: str) -> bool:
 
 
 def _times(stamps: Sequence[str]) -> Array:
-    """Return times [s since 1970], NaN where a text is no time; times without a zone are UTC."""
+    """Return times [s since 1970], NaN for text that is no time; times without a zone are UTC."""
     if not any(_is_time(stamp) for stamp in stamps[:100]):
-        # raises an error that says what is wrong with it
+        # raises an error that names the mistake
         _moment(next((stamp for stamp in stamps if stamp), ""))
         raise ValueError(f'"{stamps[0]}" is not a time; write it like 2021-03-03T18:00:00Z')
-    # Drifters report at the same times, so that each text is read once.
+    # Drifters often report at the same times: parse each text only once.
     time_of = {stamp: _moment(stamp) if _is_time(stamp) else np.nan for stamp in set(stamps)}
     return np.array([time_of[stamp] for stamp in stamps])
 
 
 def _moment(text: str) -> float:
-    """Return a time [s since 1970]; raise ValueError where the text is no time.
+    """Return a time [s since 1970]; raise ValueError if the text is no time.
 
     It may be ISO 8601, a date-time group, seconds or milliseconds since 1970, or one of
     OTHER_FORMS.
@@ -273,14 +276,14 @@ def _moment(text: str) -> float:
 
 
 def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
-    """Return the tracks of a netCDF file; raise ValueError where it holds none."""
+    """Return the tracks of a netCDF file; raise ValueError if it has none."""
     try:
         with dataset.open_local(path, decode_timedelta=False) as data:
             return _tracks(data.load(), path, wanted)
     except OSError as error:
         if "Unknown file format" in str(error):
             raise ValueError(
-                "is no netCDF file, whatever its name says; a table as text must be called .csv"
+                "is no netCDF file, although its name says so; a table as text must be called .csv"
             ) from None
         raise
     except (UserError, ValueError):
@@ -290,8 +293,8 @@ def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
 
 
 def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
-    """Return the tracks of a dataset in any of the forms of CF; raise ValueError where it has none."""
-    variables = {what: _variable(data, what) for what in ("time", "lon", "lat")}
+    """Return the tracks of a dataset with CF trajectories; raise ValueError if it has none."""
+    variables = {role: _variable(data, role) for role in ("time", "lon", "lat")}
     if missing := [name for name in wanted if name not in data.variables]:
         raise ValueError(
             f'--columns: no variable "{missing[0]}"; there are {", ".join(map(str, data.variables))[:300]}'
@@ -305,15 +308,15 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
             None,
         )
     index = next((v for v in data.variables.values() if "instance_dimension" in v.attrs), None)
-    columns = {what: data[name] for what, name in (*variables.items(), *((n, n) for n in wanted))}
+    columns = {role: data[name] for role, name in (*variables.items(), *((n, n) for n in wanted))}
     if lon.ndim == 1:
         flat = {
-            what: _seconds(column) if what == "time" else _floats(column)
-            for what, column in columns.items()
+            role: _seconds(column) if role == "time" else _floats(column)
+            for role, column in columns.items()
         }
         if any(column.shape != lon.shape for column in flat.values()):
             raise ValueError("time, lon, lat and the columns wanted don't have the same length")
-        whole = Track(
+        all_fixes = Track(
             path.stem, flat["time"], flat["lon"], flat["lat"], {n: flat[n] for n in wanted}
         )
         if sizes is not None:
@@ -325,28 +328,28 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
         elif index is not None:
             rows = index.values.astype(int)
         elif names is not None and names.size == lon.size:
-            return _split(whole, names)
+            return _split(all_fixes, names)
         elif names is not None and names.size == 1:
-            return (replace(whole, name=str(names.ravel()[0])),)
+            return (replace(all_fixes, name=str(names.ravel()[0])),)
         else:
-            return (whole,)
+            return (all_fixes,)
     elif lon.ndim == 2:
         many_first = names is not None and names.size == lon.shape[1] != lon.shape[0]
-        if many_first or lon.dims[0] in ("obs", variables["time"]):  # the tracks stand side by side
-            columns = {what: c.transpose(*c.dims[::-1]) for what, c in columns.items()}
+        if many_first or lon.dims[0] in ("obs", variables["time"]):  # each column is a track
+            columns = {role: c.transpose(*c.dims[::-1]) for role, c in columns.items()}
         shape = columns["lon"].shape
         flat = {}
-        for what, column in columns.items():
+        for role, column in columns.items():
             if column.shape not in (shape, shape[1:]):
                 raise ValueError(
-                    f"{what} {column.shape} and positions {shape} don't go together as tracks"
+                    f"{role} has the shape {column.shape}, positions have {shape}: these do not match"
                 )
-            values = _seconds(column) if what == "time" else _floats(column)
-            flat[what] = np.broadcast_to(values, shape).ravel()
+            values = _seconds(column) if role == "time" else _floats(column)
+            flat[role] = np.broadcast_to(values, shape).ravel()
         padded = ~(np.isfinite(flat["lon"]) & np.isfinite(flat["lat"]) & np.isfinite(flat["time"]))
         rows = np.repeat(np.arange(shape[0]), shape[1])[~padded]
-        flat = {what: column[~padded] for what, column in flat.items()}
-        whole = Track(
+        flat = {role: column[~padded] for role, column in flat.items()}
+        all_fixes = Track(
             path.stem, flat["time"], flat["lon"], flat["lat"], {n: flat[n] for n in wanted}
         )
     else:
@@ -359,16 +362,14 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
         )
     else:
         track_names = names.ravel()
-    if len(set(track_names.tolist())) < track_names.size:  # two tracks with the same name stay two
+    if len(set(track_names.tolist())) < track_names.size:  # keep tracks of the same name apart
         track_names = np.array([f"{name} ({k + 1})" for k, name in enumerate(track_names)])
-    return _split(whole, track_names[rows])
+    return _split(all_fixes, track_names[rows])
 
 
-def _variable(data: xr.Dataset, what: str) -> str:
-    """Return the name of the variable of time, lon or lat, by its standard name or else by its
-    common names.
-    """
-    standard = {"time": "time", "lon": "longitude", "lat": "latitude"}[what]
+def _variable(data: xr.Dataset, role: str) -> str:
+    """Return the name of the variable of time, lon or lat, by standard or common name."""
+    standard = {"time": "time", "lon": "longitude", "lat": "latitude"}[role]
     listed = [str(name) for name in data.variables]
     for name in listed:
         if (
@@ -376,21 +377,21 @@ def _variable(data: xr.Dataset, what: str) -> str:
             and data.variables[name].ndim
         ):
             return name
-    plain = {_plain(name): name for name in reversed(listed)}
-    for name in NAMES[what]:
+    plain = {_plain_name(name): name for name in reversed(listed)}
+    for name in NAMES[role]:
         if name in plain and data.variables[plain[name]].ndim:
             return plain[name]
     raise ValueError(
-        f"no variable of {what} (standard_name {standard}); there are {', '.join(listed)[:300]}"
+        f"no variable of {role} (standard_name {standard}); there are {', '.join(listed)[:300]}"
     )
 
 
 def _names(data: xr.Dataset) -> Array | None:
-    """Return the drifters' names as text; None where there are none."""
+    """Return the drifters' names as text; None if the dataset has none."""
     by_role = [
         str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "trajectory_id"
     ]
-    plain = {_plain(str(name)): str(name) for name in data.variables}
+    plain = {_plain_name(str(name)): str(name) for name in data.variables}
     for name in (*by_role, *(plain[candidate] for candidate in NAMES["id"] if candidate in plain)):
         values = data.variables[name].values
         if values.ndim <= 1:
@@ -417,7 +418,8 @@ def _seconds(column: xr.DataArray) -> Array:
 def mapped(text: str) -> Mapping[str, str]:
     """Return {"current_east": "u", ..} from "current_east=u, ..".
 
-    Raises UserError where the text is something else.
+    Raises:
+        UserError: the text has another form, or lacks a component.
     """
     allowed = [f"{quantity}_{side}" for quantity in QUANTITIES for side in ("east", "north")]
     columns: dict[str, str] = {}

@@ -1,12 +1,11 @@
-"""Scores of a forecast's particles against the drifter's real position: ranks among them, and
-skill.
+"""Scores of a forecast's particles against the drifter's real position: ranks and skill.
 
-If forecasts are true to what they say, the drifter is one more draw from the law of the particles.
-Then its rank among them, by any score that treats all alike, is uniform without approximation
-(Vovk, Gammerman and Shafer 2005, "Algorithmic Learning in a Random World", proposition 2.8). By
-density, the rank is the share of the smallest area that holds the drifter, its containment. By
-position along and across the drift, it tells in which direction forecasts err (Talagrand, Vautard
-and Strauss 1997; Gneiting et al. 2008, doi:10.1007/s11749-008-0114-x).
+If forecasts are calibrated, the drifter is one more draw from the distribution of the particles.
+Then its rank among them, by any score that treats all in the same way, is exactly uniform (Vovk,
+Gammerman and Shafer 2005, "Algorithmic Learning in a Random World", proposition 2.8). The rank by
+density is the share of the smallest area that holds the drifter, its containment. The ranks by
+position along and across the drift show in which direction forecasts err (Talagrand, Vautard and
+Strauss 1997; Gneiting et al. 2008, doi:10.1007/s11749-008-0114-x).
 """
 
 import numpy as np
@@ -17,16 +16,23 @@ from geo.array import Array
 
 CELLS = 160  # cells on each side of the grid on which densities are estimated
 EDGE = 5.0  # [standard deviations] from the middle of that grid to its edges
-LEAST = 1.0  # [m2] added to the variance, because particles all at one place have no density
+LEAST = 1.0  # [m2] added to the variance, so that particles all at one place have a density
 
 
 def containment(x: Array, y: Array, weight: Array) -> float:
-    """Return the share of the probability where its density is higher than at the drifter, 0 to 1.
+    """Return the probability where the density is higher than at the drifter, 0 to 1.
 
-    x, y: particles east and north of the drifter [m], shape (n,); weight: their probabilities. The
-    density is estimated from particles and drifter together, so that all are scored alike, with
-    Gaussian kernels of n^(-1/6) standard deviations (Silverman 1986, section 4.3) along the
-    principal axes.
+    The density is estimated from particles and drifter together, so that all are scored in the same
+    way, with Gaussian kernels of n^(-1/6) standard deviations (Silverman 1986, section 4.3) along
+    the principal axes.
+
+    Args:
+        x: particles east of the drifter [m], (n,).
+        y: particles north of the drifter [m], (n,).
+        weight: probabilities of the particles, (n,).
+
+    Returns:
+        The share of the smallest area that holds the drifter.
     """
     points = np.stack([np.append(x, 0.0), np.append(y, 0.0)])
     mass = np.append(weight, weight.mean()) / (weight.sum() + weight.mean())
@@ -57,9 +63,7 @@ def containment(x: Array, y: Array, weight: Array) -> float:
 
 
 def rank(values: Array, weight: Array) -> float:
-    """Return the share of the probability below zero, the drifter's own value; equal values count
-    half.
-    """
+    """Return the share of the probability below zero, the drifter's own value; ties count half."""
     total = weight.sum() + weight.mean()
     return float(
         (weight[values < 0].sum() + (weight[values == 0].sum() + weight.mean()) / 2) / total
@@ -67,16 +71,15 @@ def rank(values: Array, weight: Array) -> float:
 
 
 def skill(apart: Array, way: Array) -> float:
-    """Return the skill of a track: 1 minus the sum of separations over that of path lengths, at
-    least 0.
+    """Return the skill of a track: 1 minus the sum of separations over that of path lengths, >= 0.
 
-    apart, way: separations and path lengths since the start [m], at times evenly spread after it,
-    shape (m,). Liu and Weisberg 2011, doi:10.1029/2010JC006837, eq. 1 and 2 with n = 1.
+    apart, way: separations and path lengths since the start [m], at evenly spaced times, (m,). Liu
+    and Weisberg 2011, doi:10.1029/2010JC006837, eq. 1 and 2 with n = 1.
     """
     total = float(way.sum())
     return max(0.0, 1 - float(apart.sum()) / total) if total > 0 else 0.0
 
 
 def relative_to(lon: float, lat: float, lons: Array, lats: Array) -> tuple[Array, Array]:
-    """Return how far east and north [m] of a point [deg] particles [deg] lie."""
+    """Return how far particles [deg] are east and north of a point [deg], in [m]."""
     return sphere.offset(np.radians(lon), np.radians(lat), np.radians(lons), np.radians(lats))

@@ -1,9 +1,9 @@
-"""From where and when drifters are forecast, and how long each is known after that.
+"""Starts of the forecasts of each drifter, and how long its position is known after each.
 
-A drifter that runs aground is scored where it lies, as the particles that come ashore are: leaving
-it out would leave a sample of those that stay afloat. Where it falls silent there, or is carried
-away, it counts as lying there still. What is left out, is left out for what has nothing to do with
-its drift, or is counted with a reason that says otherwise.
+A drifter that runs aground is scored where it lies, like particles that come ashore: leaving it out
+would leave a sample of drifters that stay afloat. If it stops transmitting there, or is carried
+away, it still counts as aground. Other starts are left out only for reasons unrelated to the drift,
+or are counted with a reason that says otherwise.
 """
 
 from collections.abc import Sequence
@@ -43,13 +43,11 @@ class Stranded:
     stopped: tuple[Array, ...]
 
     def position(self, start: Start, time: Array) -> tuple[Array, Array, Array]:
-        """Return (lon [deg], lat [deg], whether aground) of a drifter at times [s since 1970], each
-        (m,).
-        """
+        """Return a drifter's (lon [deg], lat [deg], aground) at times [s since 1970], each (m,)."""
         track = self.tracks[start.track]
-        held = np.minimum(time, start.until)
-        lon, lat = track.at(held)
-        before = np.searchsorted(track.time, held, "right") - 1
+        known_time = np.minimum(time, start.until)
+        lon, lat = track.at(known_time)
+        before = np.searchsorted(track.time, known_time, "right") - 1
         return lon, lat, self.ashore[start.track][before]
 
 
@@ -64,9 +62,7 @@ class LeftOut:
     stopped: int = 0  # stopped away from the shore
 
     def counts(self) -> dict[str, int]:
-        """Return how many starts were left out, by reason in words, without reasons that did not
-        occur.
-        """
+        """Return how many starts were left out, by reason in words; only reasons that occurred."""
         every = {
             "aground at the start": self.aground,
             "track ends too early": self.ended,
@@ -102,11 +98,19 @@ class LeftOut:
 
 
 def strand(believed: Believed, coast: Coast, ends_aground: bool = False) -> Stranded:
-    """Return tracks with the fixes that are aground on a case's shore, and those that have stopped
-    elsewhere.
+    """Return the tracks with the fixes aground on the case's shore, and those stopped elsewhere.
 
-    ends_aground: whether a track that ends near the shore ended aground. Raises UserError where the
-    case's shoreline cannot be read.
+    Args:
+        believed: tracks and their fixes that do not move.
+        coast: the case's coast.
+        ends_aground: whether a track that ends near the shore ended aground.
+
+    Returns:
+        Tracks with masks of the fixes that are aground, and of those that have stopped off any
+        shore.
+
+    Raises:
+        UserError: the case's shoreline cannot be read.
     """
     pairs = zip(believed.tracks, believed.aground, strict=True)
     spells = [
@@ -127,7 +131,7 @@ def strand(believed: Believed, coast: Coast, ends_aground: bool = False) -> Stra
 
 
 def _briefly_ashore(tracks: Sequence[Track], coast: Coast) -> tuple[Array, ...]:
-    """Return which fixes of tracks, each (n,), belong to a spell of hours beside a case's shore."""
+    """Return the fixes in spells of some hours beside the case's shore, bool (n,) by track."""
     if not tracks:
         return ()
     still = [records.aground(track, records.BRIEF) for track in tracks]
@@ -145,7 +149,7 @@ def _briefly_ashore(tracks: Sequence[Track], coast: Coast) -> tuple[Array, ...]:
 
 
 def _middle(track: Track, spell: slice) -> tuple[float, float]:
-    """Return a fix of a spell, in the middle of its time [deg]."""
+    """Return the position [deg] of the fix in the middle of a spell."""
     middle = (spell.start + spell.stop) // 2
     return float(track.lon[middle]), float(track.lat[middle])
 
@@ -160,14 +164,20 @@ def ends_near(tracks: Sequence[Track], coast: Coast) -> Array:
 def starts(
     stranded: Stranded, every: float, length: float, gap: float, fastest: float
 ) -> tuple[list[Start], LeftOut, list[int]]:
-    """Return the starts of all forecasts, how many were left out and why, and the tracks that end
-    too early.
+    """Return the starts of all forecasts, the starts left out, and tracks that end too early.
 
-    every: time between starts [s]; length: of a forecast [s]; gap, fastest: as
-    `drift.tracking.tracks.records.breaks` takes them. Of a track that ends too early its number is
-    given once for each start that was left out for that.
+    Args:
+        stranded: tracks with their fixes aground and stopped.
+        every: time between starts [s].
+        length: length of a forecast [s].
+        gap: longest time between fixes [s] that a forecast may span.
+        fastest: speed [m/s] beyond which two fixes are a leap.
+
+    Returns:
+        Starts; counts of starts left out, by reason; and the number of a track once for each start
+        after which it ends too early.
     """
-    found, left, early = [], LeftOut(), []
+    found, left, ended_early = [], LeftOut(), []
     for number, track in enumerate(stranded.tracks):
         fresh = records.breaks(track, gap, fastest)
         ashore, stopped = stranded.ashore[number], stranded.stopped[number]
@@ -177,23 +187,23 @@ def starts(
             last = int(np.searchsorted(track.time, time + length, "left"))
             breaking = first + 1 + np.flatnonzero(fresh[first + 1 : last + 1])
             # one past the last known fix
-            cut = int(breaking[0]) if breaking.size else min(last + 1, track.time.size)
-            known = slice(first, cut)
+            end_known = int(breaking[0]) if breaking.size else min(last + 1, track.time.size)
+            known = slice(first, end_known)
             start = Start(number, int(time))
             if ashore[first]:
                 left.aground += 1
             elif stopped[known].any():
                 left.stopped += 1
-            elif cut > last:
+            elif end_known > last:
                 found.append(start)
-            elif ashore[cut - 1]:
-                found.append(replace(start, until=float(track.time[cut - 1])))
+            elif ashore[end_known - 1]:
+                found.append(replace(start, until=float(track.time[end_known - 1])))
             elif breaking.size:
                 left.gap += 1
             else:
                 left.ended += 1
-                early.append(number)
-    return found, left, early
+                ended_early.append(number)
+    return found, left, ended_early
 
 
 def known_starts(
@@ -205,13 +215,16 @@ def known_starts(
     fastest: float,
     notes: list[str],
 ) -> tuple[list[Start], dict[str, int]]:
-    """Return the starts of all forecasts, how many were left out by reason, and add notes on those.
+    """Return the starts of all forecasts, and the counts of starts left out, by reason.
 
-    As `starts`; coast: the case's. Raises UserError where no start is left.
+    Arguments are as for `starts`; coast: the case's; notes: receives notes on the starts left out.
+
+    Raises:
+        UserError: no start is left.
     """
-    found, left, early = starts(stranded, every, length, gap, fastest)
-    if early:
-        numbers, counts = np.unique(early, return_counts=True)
+    found, left, ended_early = starts(stranded, every, length, gap, fastest)
+    if ended_early:
+        numbers, counts = np.unique(ended_early, return_counts=True)
         near = ends_near([stranded.tracks[k] for k in numbers], coast)
         left.ended_near = int(counts[near].sum())
     notes += left.notes(gap)

@@ -1,4 +1,4 @@
-"""A verification as text: for a terminal, a table and the title of a picture."""
+"""A verification as text, for a terminal, a table and the title of a picture."""
 
 import math
 
@@ -17,10 +17,10 @@ MOST_LOST = 0.05  # if a larger share of the probability is lost, areas of the r
 
 
 def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
-    """Return whether areas that should hold a share are too small, too large, or as stated.
+    """Return whether areas of a stated share are too small, too large, or as stated.
 
-    They are as stated within two standard errors. lost: share of the probability that is on no map.
-    Nobody knows where it is, so areas of the rest cannot be judged where it is large.
+    They are as stated within two standard errors. lost: share of the probability that is not
+    mapped; if it is large, areas of the rest cannot be judged.
     """
     if lost > MOST_LOST:
         return f"not to be judged, as {notation.percent(lost, 0)} of the probability left the forcing; add a source beyond its edges"
@@ -36,9 +36,7 @@ def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
 
 
 def sentence(result: Verification, lead: int, share: float) -> str:
-    """Return how often the area of a share held the drifter at a lead (its number), and what that
-    means.
-    """
+    """Return as a sentence how often the area of a share held the drifter at a lead (index)."""
     held = result.held(lead, share)
     return (
         f"after {result.leads[lead]:g} h the {100 * share:.0f} % area held {percent(held)} of {held.count} positions: "
@@ -52,12 +50,12 @@ def percent(held: Estimate) -> str:
 
 
 def _more(error: float, digits: int, scale: float = 1.0) -> str:
-    """Return a standard error as text that follows its mean; "" where there is none."""
+    """Return "± error" to follow its mean, "" if the error is not finite; scale: the unit in SI."""
     return f" ± {error / scale:.{digits}f}" if math.isfinite(error) else ""
 
 
 def headline(result: Verification) -> str:
-    """Return the sentence on the HEADLINE area at the end of the forecasts."""
+    """Return the sentence on the HEADLINE area at the longest lead."""
     text = sentence(result, len(result.leads) - 1, verification.HEADLINE)
     return text[0].upper() + text[1:]
 
@@ -75,7 +73,7 @@ def verification_facts(result: Verification) -> Facts:
         lines["standard errors"] = doubts
     lines["skill"] = (
         f"{skill.mean:.2f}{_more(skill.error, 2)}, median {np.median(result.skill):.2f} "
-        "(Liu and Weisberg; 1 is perfect, 0 as far off as the drifter's own way)"
+        "(Liu and Weisberg; 1 is perfect, 0: errors as large as the drifter's path length)"
     )
     for lead, hours in enumerate(result.leads):
         column = int(np.searchsorted(result.hours, hours))
@@ -119,10 +117,10 @@ def verification_facts(result: Verification) -> Facts:
 
 
 def _aground(result: Verification, column: int) -> str:
-    """Return which share of the drifters is aground, beside that of the particles.
+    """Return the shares of drifters and of particles aground at a time (`column`: its index).
 
-    column: the number of the time. "" where no drifter ever is, and where particles refloat: a
-    spell of a drifter that is shorter than the shortest is not known.
+    It is "" if no drifter ever is aground. It is also "" if particles refloat, because spells of
+    drifters shorter than the shortest detectable one are not known.
     """
     if not result.aground.any() or result.case.coast.behaviour != "strand":
         return ""
@@ -131,9 +129,7 @@ def _aground(result: Verification, column: int) -> str:
 
 
 def left_out(result: Verification) -> str:
-    """Return how many starts were left out, by reason, as text that follows the number of
-    forecasts.
-    """
+    """Return the starts left out, by reason, as text that follows the number of forecasts."""
     if not result.left_out:
         return ""
     reasons = ", ".join(f"{count:,} {reason}" for reason, count in result.left_out.items())
@@ -145,7 +141,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def errors(result: Verification) -> str:
-    """Return the errors with which the forecasts were made."""
+    """Return the assumed errors of the forecasts in words."""
     case = result.case
     wind_error = case.wind_error if case.scenarios[0].object.uses_wind else None
     text = forcing_error.errors_in_words(
@@ -155,7 +151,7 @@ def errors(result: Verification) -> str:
 
 
 def doubt(result: Verification) -> str:
-    """Return on how few drifters or days the standard errors rest; "" where these are enough."""
+    """Return on how few drifters or days the standard errors rest; "" if these are enough."""
     drifters, days = len(result.names), int(np.unique(result.block).size)
     if drifters == 1:
         few = ", and few of these: rough" if days < 10 else ""

@@ -1,10 +1,10 @@
-"""Forecasts of where real drifters went, and how well they did: `drift verify`.
+"""Verify forecasts against real drifters: `drift verify`.
 
-Each drifter is forecast again and again from where it was, with the case's forcing, errors and
-object. The forecasts are compared with where it was later: distances, the share of positions that
-the areas held, ranks. A drifter that ran aground is scored where it lies, among particles of which
-some have come ashore too (drift.assess.verify.starts). Forecasts of one drifter, and of one day,
-are not independent: standard errors are clustered by both.
+Each drifter is forecast many times from positions along its track, with the case's forcing, errors
+and object. The forecasts are compared with its later positions: distances, the share of positions
+that the areas held, ranks. A drifter that runs aground is scored where it lies, among particles of
+which some have come ashore too (drift.assess.verify.starts). Forecasts of one drifter, or of one
+day, are not independent: standard errors are clustered by both.
 """
 
 import os
@@ -41,10 +41,10 @@ Report = Callable[[str, float], None]
 EVERY, HOURS = 12 * 3600.0, 24 * 3600.0  # [s] from start to start, and length of a forecast
 ERROR = 100.0  # [m] radius that holds half of the fixes' errors
 PARTICLES = 4000
-# [s] between the times of distances; in this time a drifter moves much more than a fix errs
+# [s] between the times of distances; a drifter moves much more in this time than the error of a fix
 POINT = 3 * 3600.0
 LEADS = (6, 12, 24, 48, 72, 96, 120)  # [h] at which areas are scored, besides the end
-# share of the area that is judged in one sentence, whatever other areas the case states
+# share of the area that the headline judges, even if the case states other areas
 HEADLINE = 0.9
 BINS = 10  # of a histogram of ranks
 DAY = 86_400.0
@@ -52,21 +52,21 @@ DAY = 86_400.0
 
 @dataclass(frozen=True)
 class Verification:
-    """Forecasts against drifters: n forecasts at m times.
+    """Scores of n forecasts of drifters at m times.
 
-    There are areas and ranks at those of the times that are `leads`. hours: (m,) after the start.
+    Areas and ranks are scored at those of the times that are `leads`. hours: (m,) after the start.
     apart, waiting, way, spread: (n, m) [m]: distance of the drifter from the mean position, and
     from the start (persistence); path length of the drifter since the start; root mean square of
     the particles' distances from their mean. aground: (n, m) whether the drifter is aground;
-    ashore: (n, m) share of the probability on the map that is ashore. containment, along, across:
-    (n, leads) ranks of the drifter, 0 to 1.
+    ashore: (n, m) share of the mapped probability that is ashore. containment, along, across: (n,
+    leads) ranks of the drifter, 0 to 1.
     """
 
     case: Case
-    drifter: Array  # (n,) its number in names
+    drifter: Array  # (n,) index in names
     names: tuple[str, ...]
     start: Array  # (n,) [s since 1970]
-    block: Array  # (n,) number of the day, or of the run of days that is as long as a forecast
+    block: Array  # (n,) number of the day, or of the block of days as long as a forecast
     hours: Array
     lon: Array  # (n, m) [deg] of the drifter
     lat: Array
@@ -81,22 +81,22 @@ class Verification:
     along: Array
     across: Array
     skill: Array  # (n,)
-    lost: Array  # (n,) share of the probability that is on no map at the end
+    lost: Array  # (n,) share of the probability that is not mapped at the end
     error: float  # [m] of the starts
     notes: tuple[str, ...]
     left_out: Mapping[str, int]  # number of starts that were left out, by reason
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Shares of the areas that are judged: those that the case states, and the headline's."""
+        """Shares of the areas that are judged: those of the case, and the headline's."""
         return tuple(sorted({*self.case.areas, HEADLINE}))
 
     def mean(self, values: Array, *, share: bool = False) -> Estimate:
-        """Return the mean of values by forecast, shape (n,), with its clustered standard error."""
+        """Return the mean of values by forecast, (n,), with its clustered standard error."""
         return clusters.mean(values, self.drifter, self.block, share=share)
 
     def held(self, lead: int, share: float) -> Estimate:
-        """Return how often the area of a share held the drifter at a lead (its number)."""
+        """Return how often the area of a share held the drifter at a lead (index)."""
         return self.mean(self.containment[:, lead] <= share, share=True)
 
 
@@ -137,45 +137,45 @@ def verify(
     particles: int = PARTICLES,
     **options: Unpack[JobOptions],
 ) -> Verification:
-    """Forecast drifters from many starts, and return how well that went; with `out`, write that
-    there.
+    """Forecast drifters from many starts, and score the forecasts against the drifters' tracks.
+
+    With `out`, also write the results into that folder.
 
     Args:
         case: whose forcing, object and errors the forecasts have.
         files: a file of tracks (CSV or netCDF), or tracks.
-        out: a folder for the results, written completely or not at all; None: nothing is written.
-        every: time between starts [s], 600 at least.
+        out: folder for the results, written completely or not at all; None: nothing is written.
+        every: time between starts [s], at least 600.
         hours: length of a forecast [h], whole hours, 1 to 720.
         error: radius [m] that holds half of the starts' errors.
-        columns: the model's values at the drifter's places from columns of its file,
-            {"current_east": "u", ..} [m/s], which are then used everywhere about it.
+        columns: columns of the file with the model's values at the drifter's positions,
+            {"current_east": "u", ..} [m/s]; these values are used everywhere around the drifter.
         gap: longest time between fixes [s] that a forecast may span.
-        fastest: speed [m/s] beyond which a fix is not believed.
+        fastest: speed [m/s] beyond which a fix is rejected.
         ends_aground: whether a drifter whose track ends near the shore ran aground there, and is
             scored there until the end.
-        particles: of each forecast, 500 at least.
+        particles: number of particles of each forecast, at least 500.
         **options: as in `drift.run`.
 
     Returns:
-        By lead time: separation of mean and drifter [m], skill beside staying put, share of
-            drifters in each area (0 to 1), with
-        standard errors clustered by drifter and day.
+        By lead time: separation of mean and drifter [m], skill, and share of drifters in each area
+        (0 to 1), with standard errors clustered by drifter and day.
 
     Raises:
         UserError: no drifter can be followed for so long, or all forecasts are rejected.
     """
-    from drift.assess.verify import chapter  # here: it knows what a verification is
+    from drift.assess.verify import chapter  # imported here because it imports this module
 
-    asked, target = Options(out, **options), None if out is None else Path(out)
+    shared_options, target = Options(out, **options), None if out is None else Path(out)
     if target is not None:
-        writer.check_folder(target, asked.overwrite, (*chapter.FILES, *chapter.PICTURES))
+        writer.check_folder(target, shared_options.overwrite, (*chapter.FILES, *chapter.PICTURES))
     _check(every, hours, error, gap, particles)
     names = dict(columns or {})
     along.check_case(case, names)
     believed = drifter_records.believed(fitting.read_tracks(files, names), fastest)
     notes = list(believed.notes)
     stranded = starts.strand(believed, case.coast, ends_aground)
-    known, left_out = starts.known_starts(
+    start_list, left_out = starts.known_starts(
         stranded, case.coast, every, hours * 3600, gap, fastest, notes
     )
     case, times = _with_errors(case, names), _times(hours)
@@ -183,9 +183,11 @@ def verify(
         start: _case(
             case, stranded.tracks[start.track], start.time, times, error, particles, names, number
         )
-        for number, start in enumerate(known)
+        for number, start in enumerate(start_list)
     }
-    kept = {start: own for start, own in cases.items() if own is not None}
+    kept = {
+        start: case_of_start for start, case_of_start in cases.items() if case_of_start is not None
+    }
     if len(kept) < len(cases):
         left_out["columns without a value"] = len(cases) - len(kept)
         notes.append(
@@ -195,25 +197,25 @@ def verify(
         raise UserError("--columns: the columns named have no value at any drifter")
     forecasts = many.run_many(
         list(kept.values()),
-        datasets=asked.datasets,
-        threads=asked.threads,
-        backend=asked.backend,
-        report=asked.report,
+        datasets=shared_options.datasets,
+        threads=shared_options.threads,
+        backend=shared_options.backend,
+        report=shared_options.report,
     )
-    rows, refused = _scored(forecasts, list(kept), stranded, times)
-    notes += [*_aground_notes(rows, stranded), *_lost_notes(case, rows, refused)]
-    if refused:
-        left_out["refused"] = len(refused)
+    rows, rejected = _scored(forecasts, list(kept), stranded, times)
+    notes += [*_aground_notes(rows, stranded), *_lost_notes(case, rows, rejected)]
+    if rejected:
+        left_out["refused"] = len(rejected)
     result = _joined(case, stranded.tracks, rows, times, error, tuple(notes), left_out)
     if target is not None:
-        if asked.report:
-            asked.report("write", 0.0)
-        writer.write(target, [chapter.chapter(result)], overwrite=asked.overwrite)
+        if shared_options.report:
+            shared_options.report("write", 0.0)
+        writer.write(target, [chapter.chapter(result)], overwrite=shared_options.overwrite)
     return result
 
 
 def _check(every: float, hours: float, error: float, gap: float, particles: int) -> None:
-    """Raise UserError where no forecasts can be made with these numbers."""
+    """Raise UserError if no forecasts can be made with these numbers."""
     if not every >= 600:
         raise UserError(f"--every {every:g} s must be at least 10 min")
     if not (1 <= hours <= 720 and hours % 1 == 0):
@@ -229,9 +231,7 @@ def _check(every: float, hours: float, error: float, gap: float, particles: int)
 
 
 def _with_errors(case: Case, columns: Mapping[str, str]) -> Case:
-    """Return a case in which quantities from columns have errors too: by default, those of a
-    model's files.
-    """
+    """Return a case in which quantities from columns have a model's default errors."""
     errors: dict[str, Any] = {}
     for name, default in (("current", uncertainty.CURRENT), ("wind", uncertainty.WIND)):
         error: ForcingError = getattr(case, f"{name}_error")
@@ -241,8 +241,9 @@ def _with_errors(case: Case, columns: Mapping[str, str]) -> Case:
 
 
 def _times(hours: float) -> Array:
-    """Return hours after the start at which a forecast is scored: every three, the leads, and the
-    end.
+    """Return the hours after the start at which a forecast is scored, ascending.
+
+    These are every third hour, the LEADS and the end.
     """
     step = POINT / 3600
     return np.unique(
@@ -262,9 +263,9 @@ def _case(
     columns: Mapping[str, str],
     number: int,
 ) -> Case | None:
-    """Return the case of one forecast, which starts where the drifter was; all else is the base's.
+    """Return the case of one forecast, which starts where the drifter was; the rest is the base's.
 
-    times: hours of its outputs; number: of the forecast. None where columns are named and have no
+    times: hours of its outputs. number: number of the forecast. Return None if the columns have no
     values there.
     """
     lon, lat = track.at(start)
@@ -310,7 +311,7 @@ def _table_rows(
 ) -> list[dict[str, Any]]:
     """Return a quantity from a track's columns as a case's table by time.
 
-    It begins with a fix before the forecast and ends with one after.
+    It begins with a fix before the forecast and ends with one after it.
     """
     first = max(int(np.searchsorted(track.time, start, "right")) - 1, 0)
     last = min(int(np.searchsorted(track.time, start + length, "left")), track.time.size - 1)
@@ -325,33 +326,33 @@ def _table_rows(
 
 
 def _leads(times: Array) -> Array:
-    """Return hours at which areas and ranks are scored: LEADS, and the end."""
+    """Return the hours at which areas and ranks are scored: LEADS, and the end."""
     return np.array([*(lead for lead in LEADS if lead < times[-1]), times[-1]], float)
 
 
 def _scored(
     forecasts: Iterable[many.Brief], known: Sequence[Start], stranded: Stranded, times: Array
 ) -> tuple[list[_Scores], list[str]]:
-    """Return the scores of forecasts, and for each that was refused why; raise UserError where all
-    were.
+    """Return the scores of the forecasts, and a line for each rejected one.
 
-    known: the start of each forecast; times: hours at which it is scored.
+    known: the start of each forecast; times: hours at which it is scored. Raises UserError if all
+    were rejected.
     """
     rows: list[_Scores] = []
-    refused: list[str] = []
+    rejected: list[str] = []
     for start, forecast in zip(known, forecasts, strict=True):
         name = f"{stranded.tracks[start.track].name} {np.datetime64(start.time, 's')}Z"
         if forecast.error is not None:
-            refused.append(f"{name}: {forecast.error.lines[0]}")
+            rejected.append(f"{name}: {forecast.error.lines[0]}")
         elif not (forecast.probability * on_map(forecast.status)).sum(axis=1).min() > 0:
-            refused.append(f"{name}: all of its probability left the forcing or the domain")
+            rejected.append(f"{name}: all of its probability left the forcing or the domain")
         else:
             rows.append(_score(forecast, stranded, start, times))
     if not rows:
         raise UserError(
-            f"--drifters: all {len(refused)} forecasts were rejected; the first: {refused[0]}"
+            f"--drifters: all {len(rejected)} forecasts were rejected; the first: {rejected[0]}"
         )
-    return rows, refused
+    return rows, rejected
 
 
 def _score(forecast: many.Brief, stranded: Stranded, start: Start, times: Array) -> _Scores:
@@ -409,9 +410,7 @@ def _score(forecast: many.Brief, stranded: Stranded, start: Start, times: Array)
 
 
 def _aground_notes(rows: Sequence[_Scores], stranded: Stranded) -> Iterator[str]:
-    """Yield notes on forecasts whose drifters ran aground: the rule, and that other drifters were
-    still afloat.
-    """
+    """Yield notes on forecasts whose drifters ran aground: scoring, and a selection effect."""
     if count := sum(bool(row.aground.any()) for row in rows):
         drifters = sorted({row.track for row in rows if row.aground.any()})
         words = drifter_records.words_for_spells(
@@ -420,15 +419,15 @@ def _aground_notes(rows: Sequence[_Scores], stranded: Stranded) -> Iterator[str]
         yield f"{count} forecasts whose drifters run aground; these are scored where they lie, like particles ashore: {words}"
         if len(rows) > len({row.track for row in rows}):
             yield (
-                "starts after a drifter's first are of drifters still afloat, whose errors lean offshore compared with "
+                "a drifter's later starts imply that it is still afloat, so its errors lean offshore compared with "
                 "the particles'; with --every longer than the tracks each drifter has one start"
             )
 
 
-def _lost_notes(case: Case, rows: Sequence[_Scores], refused: Sequence[str]) -> Iterator[str]:
-    """Give notes on forecasts that were refused, and on those that lost much of their probability."""
-    if refused:
-        yield f"{len(refused)} forecasts rejected; the first: {refused[0]}"
+def _lost_notes(case: Case, rows: Sequence[_Scores], rejected: Sequence[str]) -> Iterator[str]:
+    """Yield notes on rejected forecasts, and on those that lost much of their probability."""
+    if rejected:
+        yield f"{len(rejected)} forecasts rejected; the first: {rejected[0]}"
     if many_lost := sum(row.lost > case.max_lost for row in rows):
         yield (
             f"{many_lost} forecasts lost more than {case.max_lost:.0%} of their probability to the edges of the "
@@ -445,7 +444,7 @@ def _joined(
     notes: tuple[str, ...],
     left_out: Mapping[str, int],
 ) -> Verification:
-    """Return the verification of all forecasts, whose scores are the rows."""
+    """Return the verification of all forecasts from their scores."""
     columns = {
         field.name: np.array([getattr(row, field.name) for row in rows])
         for field in fields(_Scores)

@@ -388,7 +388,7 @@ def _report(rows: list[TimedVector], start: np.datetime64) -> Report:
     for before, after in itertools.pairwise(times):
         if after <= before:
             raise ValueError(
-                f"table: {notation.group(after)} does not come after {notation.group(before)}"
+                f"table: {notation.format_dtg(after)} does not come after {notation.format_dtg(before)}"
             )
     vectors = [row.components() for row in rows]
     return Report(times, tuple(east for east, _ in vectors), tuple(north for _, north in vectors))

@@ -402,7 +402,7 @@ def _label_of(value: Any, otherwise: str) -> str:
     if isinstance(value, int | float):
         return f"{value:.6g}"
     if isinstance(value, datetime):
-        return notation.group(_moment(value))
+        return notation.format_dtg(_moment(value))
     if isinstance(value, str) and value.strip() and value.isprintable():
         return value
     if (
@@ -465,7 +465,7 @@ def _ends_as_numbers(low: Any, high: Any) -> tuple[float, float, Callable[[float
     return (
         begin,
         end,
-        lambda number, digits: (notation.iso if digits > COARSE else notation.group)(
+        lambda number, digits: (notation.iso if digits > COARSE else notation.format_dtg)(
             np.datetime64(round(number), "s")
         ),
     )

@@ -133,8 +133,8 @@ def _followed(
         )
         if first > start or last < end:
             raise ValueError(
-                f"is known from {notation.group(first)} to {notation.group(last)}, not from {notation.group(start)} to "
-                f"{notation.group(end)}; complete its track, or give the phase until"
+                f"is known from {notation.format_dtg(first)} to {notation.format_dtg(last)}, not from {notation.format_dtg(start)} to "
+                f"{notation.format_dtg(end)}; complete its track, or give the phase until"
             )
     except ValueError as error:
         raise ValueError(f"tracker: {error}") from None

@@ -198,7 +198,7 @@ def read_network(path: str | Path) -> Chart:
 
 def _text(path: Path) -> str:
     try:
-        return small.contents(path, LARGEST).decode("utf-8-sig")
+        return small.read_small_file(path, LARGEST).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise UserError("is not text in UTF-8") from None
     except OSError as error:

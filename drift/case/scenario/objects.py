@@ -65,7 +65,7 @@ class ObjectTable(fields.Table):
                     'give a class ("PIW-1"), { downwind, right, left }, { windage, spread } or "water"'
                 )
             try:
-                leeway.find(self.name)
+                leeway.find_class(self.name)
             except UserError as error:
                 raise ValueError(str(error)) from None
         elif self.downwind is not None and self.downwind.slope < 0:
@@ -110,7 +110,7 @@ class ObjectTable(fields.Table):
             return Drifter(
                 self.name or "own lines", "Leeway of the case", self.downwind.line(), right, left
             )
-        return leeway.find(str(self.name))
+        return leeway.find_class(str(self.name))
 
 
 def _search_object(value: object) -> object:

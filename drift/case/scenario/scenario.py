@@ -123,8 +123,8 @@ def _share(
     if not -0.5 / voyage <= share <= 1 + 0.5 / voyage:  # half a second: times are whole seconds
         arrival = departure + np.timedelta64(round(voyage), "s")
         raise ValueError(
-            f"distress.between {notation.group(when)} is not on the voyage, "
-            f"which lasts from {notation.group(departure)} to {notation.group(arrival)}"
+            f"distress.between {notation.format_dtg(when)} is not on the voyage, "
+            f"which lasts from {notation.format_dtg(departure)} to {notation.format_dtg(arrival)}"
         )
     return min(max(share, 0.0), 1.0)
 

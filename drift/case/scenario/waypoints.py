@@ -270,7 +270,7 @@ class VoyageTable(fields.Table):
         ahead = lanes.bearing(lon[:-1], lat[:-1], lon[1:], lat[1:])
         behind = lanes.bearing(lon[1:], lat[1:], lon[:-1], lat[:-1]) + np.pi
         off = np.full(lon.size, self.cross_track)
-        half, toward = lanes.across(
+        half, toward = lanes.line_across_corridor(
             np.append(ahead[0], behind), np.append(ahead, behind[-1]), off, off
         )
         columns = (x.tolist() for x in (lon, lat, half, toward))
@@ -339,7 +339,7 @@ def _check_order(
 ) -> None:
     """Reject a way point certainly reached before its predecessor; `describe` formats seconds."""
     describe = describe or (
-        lambda seconds: notation.group(start + np.timedelta64(round(seconds), "s"))
+        lambda seconds: notation.format_dtg(start + np.timedelta64(round(seconds), "s"))
     )
     for a, b in itertools.pairwise(points):
         earliest = a.time.low if isinstance(a.time, Spread) else a.time.mean if a.time else 0.0

@@ -27,7 +27,7 @@ class LineTable(fields.Table):
                 f"points are {len(self.points)}; a line has at least 2, with great circles between them"
             )
         try:
-            gnomonic.line(self.points)
+            gnomonic.build_plane_line(self.points)
         except ValueError as error:
             raise ValueError(f"points: {error}") from None
         return self
@@ -72,8 +72,8 @@ class BarrierTable(LineTable):
         reported = units.resolve(self.reported, run.start)
         if not begin <= reported <= over:
             raise ValueError(
-                f"reported {notation.group(reported)} is outside the time it was manned, {notation.group(begin)} to "
-                f"{notation.group(over)}"
+                f"reported {notation.format_dtg(reported)} is outside the time it was manned, {notation.format_dtg(begin)} to "
+                f"{notation.format_dtg(over)}"
             )
         error, false = self.error or 0.0, self.false_alarms or 0.0
         return Barrier(

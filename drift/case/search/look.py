@@ -212,7 +212,7 @@ class LookTable(FieldTable):
         array = isinstance(sensor.sees, Sonar) and len(sensor.sees.gain.bearing) > 1
         if array and sensor.place is None and self.heading is None:
             raise ValueError(f'sensor "{sensor.name}" has an array: give its heading at the time')
-        if sight.by_speed(sensor) and time == run.start:
+        if sight.level_depends_on_speed(sensor) and time == run.start:
             raise ValueError(
                 f'sensor "{sensor.name}" has a source level by speed; at the start of the run the speed is unknown: start the run earlier'
             )

@@ -218,7 +218,7 @@ class PatternTable(fields.Table):
                 f"spacing {self.spacing:g} m makes {number:,} legs until the end; at most 500"
             )
         square = patterns.square(self.datum, self.spacing, turn, number, start, speed)
-        return Pattern(polyline.between(square.legs, start, end), square.area)
+        return Pattern(polyline.legs_between(square.legs, start, end), square.area)
 
 
 # by kind of pattern: its required keys, and its optional keys
@@ -288,10 +288,10 @@ def timed_legs(rows: list[tuple[Any, tuple[float, float]]], start: np.datetime64
     for before, after in itertools.pairwise(times):
         if after <= before:
             raise ValueError(
-                f"waypoints: {notation.group(after)} does not come after {notation.group(before)}"
+                f"waypoints: {notation.format_dtg(after)} does not come after {notation.format_dtg(before)}"
             )
     lon, lat = np.array([place for _, place in rows]).T
-    return polyline.through([float(notation.epoch(time)) for time in times], lon, lat)
+    return polyline.legs_through([float(notation.epoch(time)) for time in times], lon, lat)
 
 
 def track_legs(track: gpx.Track, start: float | None, speed: float | None) -> Legs:
@@ -306,7 +306,7 @@ def track_legs(track: gpx.Track, start: float | None, speed: float | None) -> Le
         ValueError: the track has no times, and start or speed is missing.
     """
     if track.time:
-        return polyline.through(track.time, track.lon, track.lat, track.joined)
+        return polyline.legs_through(track.time, track.lon, track.lat, track.joined)
     if speed is None or start is None:
         raise ValueError("its points have no times; give the speed and the start of the track")
-    return polyline.fly(track.lon, track.lat, start, speed, track.joined)
+    return polyline.legs_at_speed(track.lon, track.lat, start, speed, track.joined)

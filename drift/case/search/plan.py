@@ -63,7 +63,7 @@ class UnitTable(SensorTable):
         ready = plan.begin if self.ready is None else units.resolve(self.ready, run.start)
         if self.ready is not None and ready >= plan.until:
             raise ValueError(
-                f"ready at {notation.group(ready)}, not before the plan's end, {notation.group(plan.until)}; change "
+                f"ready at {notation.format_dtg(ready)}, not before the plan's end, {notation.format_dtg(plan.until)}; change "
                 "ready, or until in [plan], or run for longer"
             )
         for key in ("clear_of_land", "draught"):
@@ -155,7 +155,7 @@ class PlanTable(fields.Table):
             begin = min(begin, until)
         elif asked and begin >= until:
             wrong.lines.append(
-                f"plan: its begin, {notation.group(begin)}, is not before its end, {notation.group(until)}; give begin "
+                f"plan: its begin, {notation.format_dtg(begin)}, is not before its end, {notation.format_dtg(until)}; give begin "
                 "and until in [plan], or run for longer"
             )
         if self.objective == "alive" and all(

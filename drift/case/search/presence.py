@@ -37,7 +37,9 @@ def span(start: units.Instant, end: units.Instant, run: Run) -> tuple[np.datetim
     """
     begin, over = units.resolve(start, run.start), units.resolve(end, run.start)
     if over <= begin:
-        raise ValueError(f"end {notation.group(over)} is not after start {notation.group(begin)}")
+        raise ValueError(
+            f"end {notation.format_dtg(over)} is not after start {notation.format_dtg(begin)}"
+        )
     run.check(begin, over)
     return begin, over
 

@@ -213,7 +213,7 @@ class SortieTable(SensorTable):
         end = None if self.end is None else units.resolve(self.end, run.start)
         if start is not None and end is not None and end <= start:
             raise ValueError(
-                f"end {notation.group(end)} is not after start {notation.group(start)}"
+                f"end {notation.format_dtg(end)} is not after start {notation.format_dtg(start)}"
             )
         sensor = (
             sonar_table.named(self.watch.sensor, run) if self.watch and self.watch.sensor else None
@@ -236,10 +236,10 @@ class SortieTable(SensorTable):
         )
         if self.actual is not None or self.track is not None:
             assert legs is not None
-            legs = polyline.thinned(legs, _fineness(widths))
+            legs = polyline.thin_legs(legs, _fineness(widths))
         widest = max((*widths, *under_way))
         if area is None and legs is not None and self.watch is None and widest > 0:
-            area = polyline.strip(legs, widest)
+            area = polyline.search_strip(legs, widest)
         sortie = Sortie(
             name,
             self.unit,
@@ -350,7 +350,7 @@ class SortieTable(SensorTable):
         lon_deg, lat_deg = np.array([place for _, place in self.waypoints]).T
         try:
             return None, track_table.completed_share(
-                self._transit(polyline.fly(lon_deg, lat_deg, since, self.speed)),
+                self._transit(polyline.legs_at_speed(lon_deg, lat_deg, since, self.speed)),
                 self.completed,
                 until,
             )
@@ -393,8 +393,8 @@ class SortieTable(SensorTable):
         for stated, flown, late in ((start, first, False), (end, last, True)):
             if stated is not None and (flown > stated if late else flown < stated):
                 raise ValueError(
-                    f"its legs {'end' if late else 'begin'} at {notation.group(flown)}, "
-                    f"{'after its end' if late else 'before its start'}, {notation.group(stated)}"
+                    f"its legs {'end' if late else 'begin'} at {notation.format_dtg(flown)}, "
+                    f"{'after its end' if late else 'before its start'}, {notation.format_dtg(stated)}"
                 )
         return first if start is None else start, last if end is None else end
 

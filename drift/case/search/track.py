@@ -54,13 +54,13 @@ def made_good(
     if track.time:
         first, last = (pattern_table.moment(time) for time in (legs.time[0], legs.time[-1]))
         try:
-            legs = polyline.between(legs, since or -math.inf, until or math.inf)
+            legs = polyline.legs_between(legs, since or -math.inf, until or math.inf)
         except ValueError:
             raise ValueError(
-                f'{key}: "{Path(file).name}" covers {notation.group(first)} to {notation.group(last)}, outside this '
+                f'{key}: "{Path(file).name}" covers {notation.format_dtg(first)} to {notation.format_dtg(last)}, outside this '
                 "sortie's time"
             ) from None
-        check_speed(polyline.thinned(legs, FINEST), speed, TOO_SHORT, key)
+        check_speed(polyline.thin_legs(legs, FINEST), speed, TOO_SHORT, key)
     return legs
 
 
@@ -85,7 +85,7 @@ def completed_share(legs: Legs, completed: float, until: float | None) -> Legs:
             f"{length:.3g} nmi of legs take {hours(takes)}, from start to end are {hours(has)}; "
             "change end, speed or the legs, or give completed or actual"
         )
-    return polyline.between(done, done.time[0], until)
+    return polyline.legs_between(done, done.time[0], until)
 
 
 def marker(
@@ -114,10 +114,10 @@ def marker(
     if legs.time[0] > notation.epoch(start) or legs.time[-1] < notation.epoch(end):
         first, last = (pattern_table.moment(time) for time in (legs.time[0], legs.time[-1]))
         raise ValueError(
-            f"marker is known from {notation.group(first)} to {notation.group(last)}, not for the whole sortie, "
-            f"{notation.group(start)} to {notation.group(end)}"
+            f"marker is known from {notation.format_dtg(first)} to {notation.format_dtg(last)}, not for the whole sortie, "
+            f"{notation.format_dtg(start)} to {notation.format_dtg(end)}"
         )
-    return polyline.thinned(legs, FINEST)
+    return polyline.thin_legs(legs, FINEST)
 
 
 def check_speed(legs: Legs, speed: float | None, shortest: float, key: str) -> None:
@@ -140,7 +140,7 @@ def check_speed(legs: Legs, speed: float | None, shortest: float, key: str) -> N
     most = FASTEST if speed is None else TOO_FAST * speed
     if speeds.size and speeds.max() > most:
         k = int(np.argmax(speeds))
-        first, last = (notation.group(pattern_table.moment(legs.time[j])) for j in (k, k + 1))
+        first, last = (notation.format_dtg(pattern_table.moment(legs.time[j])) for j in (k, k + 1))
         limit = (
             f"at most {FASTEST / KNOT:.3g} kn is allowed"
             if speed is None

@@ -70,7 +70,7 @@ class TowedTable(fields.Table):
             else float(notation.epoch(units.resolve(self.start, run.start)))
         )
         if self.track is not None:
-            legs = polyline.thinned(
+            legs = polyline.thin_legs(
                 track_table.made_good(self.track, "track", self.speed, since, None, run), FINE
             )
         elif since is None:
@@ -79,7 +79,7 @@ class TowedTable(fields.Table):
             assert self.waypoints is not None
             assert self.speed is not None
             lon, lat = np.array([place for _, place in self.waypoints]).T
-            legs = polyline.fly(lon, lat, since, self.speed)
+            legs = polyline.legs_at_speed(lon, lat, since, self.speed)
         return Listener(self.name or sensor.name, sensor, legs)
 
 
@@ -141,7 +141,7 @@ class ProcessorTable(fields.Table):
             begin, end = (units.resolve(time, run.start) for time in row)
             if end <= begin:
                 raise ValueError(
-                    f"manned: {notation.group(end)} is not after {notation.group(begin)}"
+                    f"manned: {notation.format_dtg(end)} is not after {notation.format_dtg(begin)}"
                 )
             spans.append((begin, end))
         joined = _merge_spans(spans)
@@ -253,8 +253,8 @@ class ProcessingTable(fields.Table):
             raise ValueError(f"{HERE}.slot: {self.slot:g} s; at least {LEAST_SLOT:g} s")
         if self.slot > span:
             raise ValueError(
-                f"{HERE}.slot: {_hours(self.slot)} is longer than the plan, {_hours(span)} from {notation.group(plan.begin)} to "
-                f"{notation.group(plan.until)}; give a shorter slot, or begin and until in [plan]"
+                f"{HERE}.slot: {_hours(self.slot)} is longer than the plan, {_hours(span)} from {notation.format_dtg(plan.begin)} to "
+                f"{notation.format_dtg(plan.until)}; give a shorter slot, or begin and until in [plan]"
             )
         many = math.ceil(span / self.slot - 1e-6)
         if many > MOST_SLOTS:

@@ -82,7 +82,7 @@ class TowTable(fields.Table):
         ready = plan.begin if self.ready is None else units.resolve(self.ready, run.start)
         if ready >= plan.until:
             raise ValueError(
-                f"ready at {notation.group(ready)}, not before the plan's end, {notation.group(plan.until)}; change ready, or "
+                f"ready at {notation.format_dtg(ready)}, not before the plan's end, {notation.format_dtg(plan.until)}; change ready, or "
                 "until in [plan], or run for longer"
             )
         return Tow(

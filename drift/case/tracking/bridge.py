@@ -162,7 +162,7 @@ def load(path: str | os.PathLike[str], spread_rate: str | None = None) -> Study:
     """
     path = Path(path)
     try:
-        data = tomllib.loads(small.contents(path, LARGEST).decode("utf-8-sig"))
+        data = tomllib.loads(small.read_small_file(path, LARGEST).decode("utf-8-sig"))
     except OSError as error:
         raise UserError(f'bridge "{str(path)[:300]}": cannot be read: {error.strerror}') from None
     except UnicodeDecodeError:
@@ -264,7 +264,7 @@ def _output_times(output: OutputTable, start: np.datetime64, time: Array, wrong:
     for moment in moments:
         if not begin <= notation.epoch(moment) <= end:
             wrong.lines.append(
-                f"output.times: {notation.group(moment)} is outside the bridge, {notation.group(np.datetime64(int(begin), 's'))} to "
-                f"{notation.group(np.datetime64(int(end), 's'))}"
+                f"output.times: {notation.format_dtg(moment)} is outside the bridge, {notation.format_dtg(np.datetime64(int(begin), 's'))} to "
+                f"{notation.format_dtg(np.datetime64(int(end), 's'))}"
             )
     return notation.epochs(np.array(moments)).astype(np.float64)

@@ -75,7 +75,7 @@ class PlanTable(fields.Table):
             raise ValueError(f"every {self.every:g} s must be {SHORTEST:g} s or more")
         if self.lasting > self.every:
             raise ValueError(
-                f"lasting, {notation.lasting(self.lasting)}, is longer than every, {notation.lasting(self.every)}"
+                f"lasting, {notation.format_duration(self.lasting)}, is longer than every, {notation.format_duration(self.every)}"
             )
         return self
 
@@ -277,7 +277,7 @@ class PursuitTable(fields.Table):
             )
         if begin + self.step > end + 1e-6:
             raise ValueError(
-                f"begins {format_time(begin)}, and the case ends {format_time(end)}: no step of {notation.lasting(self.step)} fits between"
+                f"begins {format_time(begin)}, and the case ends {format_time(end)}: no step of {notation.format_duration(self.step)} fits between"
                 + ("; give begin" if self.begin is None else "")
             )
         if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
@@ -368,7 +368,7 @@ def is_one(name: str | os.PathLike[str]) -> bool:
     if str(name) in shipped():
         return True
     try:
-        data = tomllib.loads(small.contents(Path(name), LARGEST).decode("utf-8-sig"))
+        data = tomllib.loads(small.read_small_file(Path(name), LARGEST).decode("utf-8-sig"))
     except (OSError, UserError, ValueError, RecursionError):
         return False
     return case_file.is_of_tracking(data)
@@ -387,7 +387,7 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
     own = str(name) in shipped()
     place = Path(str(resources.files("cases") / "tracking" / f"{name}.toml")) if own else Path(name)
     try:
-        text = small.contents(place, LARGEST).decode("utf-8-sig")
+        text = small.read_small_file(place, LARGEST).decode("utf-8-sig")
         data = tomllib.loads(text)
     except OSError as error:
         other = str(name) in (case for case, _ in case_file.shipped())
@@ -451,7 +451,9 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         start = np.datetime64(0, "s")
 
     def format_time(seconds: float) -> str:
-        return notation.group(np.datetime64(notation.epoch(start) + round(float(seconds)), "s"))
+        return notation.format_dtg(
+            np.datetime64(notation.epoch(start) + round(float(seconds)), "s")
+        )
 
     for what, value in (("particles", table.particles), ("experiment.runs", table.experiment.runs)):
         if not 1 <= value <= MOST:
@@ -461,13 +463,13 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     most = MOST_FIGURES["experiment" if table.target is not None else "track"]
     if table.duration / table.every > most:
         wrong.lines.append(
-            f"every: gives more than {most:,} figures; the case lasts {notation.lasting(table.duration)}"
+            f"every: gives more than {most:,} figures; the case lasts {notation.format_duration(table.duration)}"
         )
     if len(table.show) > MOST_SHOWN:
         wrong.lines.append(f"show: {len(table.show)} times; at most {MOST_SHOWN}")
     if table.every > table.duration:
         wrong.lines.append(
-            f"every: {notation.lasting(table.every)} is longer than the case, {notation.lasting(table.duration)}"
+            f"every: {notation.format_duration(table.every)} is longer than the case, {notation.format_duration(table.duration)}"
         )
     shown = sorted(fields.seconds(moment, start) for moment in table.show)
     wrong.lines += [
@@ -481,7 +483,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         and not math.floor(min(window[1], table.duration) / table.every) * table.every >= window[0]
     ):
         wrong.lines.append(
-            f"experiment.window: no figure is taken from {notation.lasting(window[0])} to {notation.lasting(window[1])}; the case lasts {notation.lasting(table.duration)}, every {notation.lasting(table.every)}"
+            f"experiment.window: no figure is taken from {notation.format_duration(window[0])} to {notation.format_duration(window[1])}; the case lasts {notation.format_duration(table.duration)}, every {notation.format_duration(table.every)}"
         )
     for kind in ("sensor", "method"):
         names = [one.name for one in getattr(table, kind)]

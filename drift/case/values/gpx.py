@@ -43,7 +43,7 @@ def read_gpx(path: Path | str) -> Track:
 
 
 def _root(path: Path) -> ET.Element:
-    data = small.contents(path, LARGEST)
+    data = small.read_small_file(path, LARGEST)
     plain = data.replace(b"\0", b"")  # finds the text in UTF-16, too
     if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
         raise ValueError(

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, model_validator
 
 from drift.case.values import fields, units
 from geo import sphere
-from geo.box import between
+from geo.box import box_between
 from geo.cells import QUANTUM, Cells
 
 MOST_CELLS = 1_000_000
@@ -73,7 +73,7 @@ class GridTable(fields.Table):
         number, unit = self.spacing
         high = number if unit == "deg" else math.degrees(number / sphere.RADIUS)
         shrink = 1.0 if unit == "deg" else math.cos(math.radians((self.south + self.north) / 2))
-        box = between(self.west, self.south, self.east, self.north)
+        box = box_between(self.west, self.south, self.east, self.north)
         west, span = box.west, box.east - box.west
         width, height = (_to_quantum(size) for size in (high / shrink, high))
         units_a_degree = sphere.TURN / 360

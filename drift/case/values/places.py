@@ -26,7 +26,9 @@ class WindowTable(fields.Table):
         first = units.resolve(self.time, start)
         last = first if self.until is None else units.resolve(self.until, start)
         if last < first:
-            raise ValueError(f"until {notation.group(last)} is before time {notation.group(first)}")
+            raise ValueError(
+                f"until {notation.format_dtg(last)} is before time {notation.format_dtg(first)}"
+            )
         return first, last
 
 

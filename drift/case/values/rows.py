@@ -103,7 +103,7 @@ def _strange(name: str, allowed: Sequence[str]) -> str:
 
 
 def _text(path: str) -> str:
-    data = small.contents(Path(path), LARGEST)
+    data = small.read_small_file(Path(path), LARGEST)
     for mark in (b"\xff\xfe", b"\xfe\xff"):  # spreadsheets save "Unicode text" as UTF-16
         if data.startswith(mark):
             return data.decode("utf-16", errors="replace")

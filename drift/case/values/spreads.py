@@ -144,7 +144,8 @@ class Times(fields.Table):
         best = after(self.best) if self.best is not None else (low + high) / 2
         if not low <= best <= high:
             first, last = (
-                notation.group(units.resolve(time, start)) for time in (self.earliest, self.latest)
+                notation.format_dtg(units.resolve(time, start))
+                for time in (self.earliest, self.latest)
             )
             raise ValueError(
                 f"times go from {first} to {last}, or the best one lies outside; give them in order"

@@ -29,7 +29,7 @@ OUTWARD = (math.floor, math.floor, math.ceil, math.ceil)
 NEAR = 1.0  # [deg] around a reported position in which the coast has full detail
 
 
-def around(spec: EnsembleSpec, box: Box, sources: Sequence[Source]) -> Box:
+def coast_box(spec: EnsembleSpec, box: Box, sources: Sequence[Source]) -> Box:
     """Return the box of coast needed for a domain: where its sources have a current, and a margin.
 
     It is the whole domain if a scenario's objects move without a current. sources: those that are
@@ -64,7 +64,7 @@ def open_coast(
         whole, coast = shared
         own = whole
     else:
-        whole = shore.land(asked.source, box, asked.lakes)
+        whole = shore.read_land(asked.source, box, asked.lakes)
         own = seen(whole) if seen and not spec.release else whole
         coast = shoreline.build_coast(own, box) if own.polygons.size else None
     _check_ways(spec, asked, box, whole, coast if own is whole else None)
@@ -77,7 +77,7 @@ def open_coast(
     return own, coast
 
 
-def lands(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]:
+def land_reader(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]:
     """Return a function that returns the land polygons [deg] of a run in a box.
 
     They are those of its coast. If the box reaches beyond it they are read again, once for boxes
@@ -86,7 +86,7 @@ def lands(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]
 
     @functools.cache
     def read(box: Box) -> Array:
-        return shore.land(asked.source, box, asked.lakes).polygons
+        return shore.read_land(asked.source, box, asked.lakes).polygons
 
     def land(box: Box) -> Array:
         if coast is not None and shoreline.covers(coast, box):
@@ -145,7 +145,7 @@ def _check_ways(
         <= box.east - box.west
     )
     if not inside:  # the domain or the sources are smaller than the itineraries
-        whole, coast = shore.land(asked.source, need, asked.lakes), None
+        whole, coast = shore.read_land(asked.source, need, asked.lakes), None
     if coast is None and whole.polygons.size:
         coast = shoreline.build_coast(whole, box if inside else need)
     if coast is not None:

@@ -47,7 +47,9 @@ class Shore:
     @classmethod
     def of(cls, coast: Coast) -> "Shore":
         """Return the edges of a coast in blocks."""
-        lon, lat = (shoreline.edges(coast)[:, k::2] * sphere.UNIT for k in (0, 1))  # [rad] (m, 2)
+        lon, lat = (
+            shoreline.shoreline_edges(coast)[:, k::2] * sphere.UNIT for k in (0, 1)
+        )  # [rad] (m, 2)
         order = np.lexsort((lon[:, 0], np.floor(lat[:, 0] / STRIP)))
         ends = _vectors(lon[order], lat[order])
         middle = ends.mean(axis=1)
@@ -116,7 +118,7 @@ def refuse_area(place: str, ring: Sequence[tuple[float, float]], coast: Coast) -
     area = shapely.Polygon(np.column_stack([lon, [corner[1] for corner in ring]]))
     _check_covered(coast, np.radians(shapely.get_coordinates(area)))
     shapely.prepare(area)
-    units = shoreline.edges(coast)
+    units = shoreline.shoreline_edges(coast)
     degrees = sphere.to_degrees(units).reshape(-1, 2, 2)
     degrees[:, 0, 0] = sphere.near_degrees(degrees[:, 0, 0], (lon.min() + lon.max()) / 2)
     degrees[:, 1, 0] = sphere.near_degrees(degrees[:, 1, 0], degrees[:, 0, 0])
@@ -149,7 +151,7 @@ def swept(network: Network, routes: Sequence[Route] = ()) -> dict[int, Array]:
     """
     quads: dict[int, list[Array]] = {lane: [] for lane in range(network.start.size)}
     begins, ends = _lines_across(network)
-    for way, lane in enumerate(lanes.directed(network)[2]):
+    for way, lane in enumerate(lanes.lane_directions(network)[2]):
         quads[int(lane)] += [np.concatenate([a, b[::-1]]) for a in begins[way] for b in ends[way]]
     for route in routes:
         lon, lat = lanes.displaced(route, [-1.0, 1.0])
@@ -166,7 +168,7 @@ def _lines_across(network: Network) -> tuple[list[list[Array]], list[list[Array]
 
     A line is given by its ends (lon, lat) [rad] on side -1 and 1, shape (2, 2).
     """
-    start, end, lane = lanes.directed(network)
+    start, end, lane = lanes.lane_directions(network)
     half = network.width[lane] / 2
     places = [(network.lon[node], network.lat[node]) for node in (start, end)]
     ahead, behind = (
@@ -185,7 +187,7 @@ def _lines(
     network: Network, node: Array, arriving: Array, leaving: Array, before: Array, after: Array
 ) -> Array:
     """Return lines across the corridor at nodes, (c, 2, 2), as defined by `lanes.across`."""
-    half, toward = lanes.across(arriving, leaving, before, after)
+    half, toward = lanes.line_across_corridor(arriving, leaving, before, after)
     away = half * np.array([[-1.0], [1.0]])
     ends = sphere.destination(
         network.lon[node], network.lat[node], away * np.sin(toward), away * np.cos(toward)

@@ -32,7 +32,7 @@ def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     """Return the box outside which a particle of a run counts as departed."""
     box = asked.domain or within_reach(spec)
     if (box.east - box.west) * (box.north - box.south) > VAST:
-        box = _common(box, utmost(spec, asked))
+        box = _common(box, outermost_box(spec, asked))
     if is_polar(box):
         south, north = (
             (-90.0 if box.south < -POLEWARD else box.south),
@@ -78,7 +78,7 @@ def within_reach(spec: EnsembleSpec) -> Box:
     return around(spec, _fastest_of(spec, objects + debris, carried), SPREADS)
 
 
-def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
+def outermost_box(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     """Return a box that practically no particle of a run leaves.
 
     It assumes speeds that no sea sustains, or those of the case if they are higher, and extreme

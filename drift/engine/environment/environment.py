@@ -26,9 +26,9 @@ from geo.coast.shore import Shore
 from geo.errors import UserError
 from geo.files import dataset
 from geo.forcing import sources
-from geo.forcing.quantity import QUANTITIES, needed
+from geo.forcing.quantity import QUANTITIES, required_quantities
 from geo.forcing.reading import memory, stream
-from geo.forcing.reading.kept import Finished
+from geo.forcing.reading.kept import SliceCache
 from geo.forcing.sources import Source
 
 # What is read of a source ends on a lattice, whose lines are at most this share of the box's width
@@ -73,7 +73,7 @@ class Common(Protocol):
 def open_for(
     spec: EnsembleSpec,
     asked: EnvironmentSpec,
-    held: Mapping[str, memory.Held],
+    held: Mapping[str, memory.NamedDataset],
     seen: Callable[[Shore], Shore] | None = None,
     common: Common | None = None,
 ) -> Environment:
@@ -103,11 +103,11 @@ def open_for(
             wrong += error.lines
     if wrong:
         raise UserError(*wrong)
-    finished = Finished(first=True)  # the step is chosen with the forcing that the run then uses
+    finished = SliceCache(first=True)  # the step is chosen with the forcing that the run then uses
     opened = {
         key: source
         if source.shelf
-        else source.shelved((*key, source.fingerprint, source.grid), finished)
+        else source.with_cache((*key, source.fingerprint, source.grid), finished)
         for key, source in opened.items()
     }
     cells = {(source.quantity, source.name): source.fill for source in asked.sources}
@@ -125,7 +125,7 @@ def open_for(
         if not (spec.debris or models.forced([scenario])):
             continue  # its particles are not lost without forcing
         place = f'{spec.story} "{scenario.name}"'
-        for quantity in needed():
+        for quantity in required_quantities():
             for k, term in enumerate(named.terms(quantity)):
                 for complaint in _coverage_errors(
                     spec.period, asked.max_lost, quantity, term, added=k > 0
@@ -135,7 +135,7 @@ def open_for(
         wrong.append(f"{first}{f' and {len(others)} more' if others else ''}: {complaint}")
     shown = tuple(opened.values())
     base = tuple(source for source in shown if (source.quantity, source.name) not in added)
-    coastal = coastline.around(spec, box, base)
+    coastal = coastline.coast_box(spec, box, base)
     shared = common.coast(spec, asked, coastal) if common else None
     try:
         land, coast = coastline.open_coast(spec, asked.coast, coastal, seen, shared)
@@ -162,14 +162,14 @@ def open_for(
 def warnings(where: Environment) -> list[str]:
     """Return warnings about the sources of a run."""
     return [
-        f'{source.quantity} "{source.name}": {note.removeprefix(sources.DOUBT)}'
+        f'{source.quantity} "{source.name}": {note.removeprefix(sources.WARNING_PREFIX)}'
         for source in where.sources
         for note in source.notes
-        if note.startswith(sources.DOUBT)
+        if note.startswith(sources.WARNING_PREFIX)
     ]
 
 
-def store(where: Environment, folder: Path | None) -> None:
+def share_slices(where: Environment, folder: Path | None) -> None:
     """Share the regridded slices of an environment's forcing between processes through a folder;
     None: stop.
     """
@@ -196,7 +196,7 @@ def _members(used: Sequence[Source]) -> tuple[str, ...]:
     return tuple(" + ".join(dict.fromkeys(labels)) for labels in together)
 
 
-def part(box: Box) -> Box:
+def box_to_read(box: Box) -> Box:
     """Return the box to read from a source: the one asked for, extended to a lattice.
 
     The lines of the lattice are at most an eighth of the box apart. Runs that begin near each other
@@ -225,7 +225,7 @@ def _names(spec: EnsembleSpec, scenario: Scenario) -> dict[str, tuple[str, ...]]
 
 def hold(
     asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str
-) -> dict[str, memory.Held]:
+) -> dict[str, memory.NamedDataset]:
     """Return the datasets in memory by name.
 
     Args:
@@ -236,7 +236,7 @@ def hold(
     Raises:
         UserError: if a dataset is named but not given, or given but not named.
     """
-    given = memory.hold(datasets)
+    given = memory.wrap_datasets(datasets)
     every = [part for spec in asked.sources for part in spec.parts]
     named = {spec.dataset: spec for spec in every if spec.dataset is not None}
     for name, spec in named.items():
@@ -258,7 +258,7 @@ def _open(
     spec: ForcingSpec,
     box: Box,
     period: Period,
-    held: Mapping[str, memory.Held],
+    held: Mapping[str, memory.NamedDataset],
     common: Common | None,
     about: tuple[float, float] | None,
 ) -> Source:
@@ -266,12 +266,12 @@ def _open(
     if spec.each:
         own = [_open(part, box, period, held, common, about) for part in spec.parts]
         called = _member_labels(spec)
-        joined = sources.ensemble(
+        joined = sources.combine_members(
             [replace(source, label=label) for source, label in zip(own, called, strict=True)]
         )
         return replace(joined, name=spec.name)
     if spec.constant is not None:
-        return sources.constant(spec.quantity, *spec.constant, name=spec.name, about=about)
+        return sources.constant_field(spec.quantity, *spec.constant, name=spec.name, about=about)
     if spec.table is not None:
         table = spec.table
         rows = sources.uniform_field(
@@ -289,16 +289,16 @@ def _open(
         return replace(flow, name=spec.name)
     try:
         if common:
-            found = common.source(spec, part(box))
+            found = common.source(spec, box_to_read(box))
         else:
             found = sources.open_source(
                 spec.quantity,
                 list(spec.files) if spec.dataset is None else held[spec.dataset],
-                box=part(box),
+                box=box_to_read(box),
                 name=spec.name,
                 **source_options(spec),
             )
-        return found.without_blank(*period.span)
+        return found.without_blank_slices(*period.span)
     except UserError as error:
         reason = str(error)
         if spec.dataset is not None:
@@ -324,7 +324,7 @@ def _member_labels(spec: ForcingSpec) -> list[str]:
     called = []
     for number, part in enumerate(spec.parts, 1):
         if part.constant is not None:
-            called.append(sources.as_said(spec.quantity, *part.constant))
+            called.append(sources.format_vector(spec.quantity, *part.constant))
         elif part.analytic is not None:
             called.append(
                 ", ".join(f"{k} = {v:g}" for k, v in part.parameters.items() if _differs(spec, k))
@@ -361,11 +361,11 @@ def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
         )
     if source.times.size:
         notes.append(
-            f"from {notation.group(source.times[0])} to {notation.group(source.times[-1])}"
+            f"from {notation.format_dtg(source.times[0])} to {notation.format_dtg(source.times[-1])}"
         )
     notes += [
-        f"no values between {notation.group(a)} and {notation.group(b)}"
-        for a, b in stream.holes_of(source)
+        f"no values between {notation.format_dtg(a)} and {notation.format_dtg(b)}"
+        for a, b in stream.data_gaps(source)
     ]
     return replace(source, notes=tuple(notes))
 
@@ -380,7 +380,7 @@ def _coverage_errors(
     if any(not source.times.size for source in sources):
         return []
     first, last = period.span
-    spans = sorted(span for source in sources for span in stream.spans(source))
+    spans = sorted(span for source in sources for span in stream.data_spans(source))
     without, reached = [], first
     for begin, end in (*spans, (last, last)):
         if begin > reached:
@@ -393,10 +393,8 @@ def _coverage_errors(
         sum((end - begin for begin, end in without), np.timedelta64(0, "s")) / (last - first)
     )
     names = ", ".join(f'"{source.name}"' for source in sources)
-    whole = (
-        f"{notation.group(min(s[0] for s in spans))} to {notation.group(max(s[1] for s in spans))}"
-    )
-    gaps = sorted(hole for source in sources for hole in stream.holes_of(source))
+    whole = f"{notation.format_dtg(min(s[0] for s in spans))} to {notation.format_dtg(max(s[1] for s in spans))}"
+    gaps = sorted(hole for source in sources for hole in stream.data_gaps(source))
     inside = any(
         begin < hole_end and hole_begin < end
         for begin, end in without
@@ -407,12 +405,13 @@ def _coverage_errors(
         * inside
     )
     lacking = " and ".join(
-        f"from {notation.group(begin)} to {notation.group(end)}" for begin, end in without[:3]
+        f"from {notation.format_dtg(begin)} to {notation.format_dtg(end)}"
+        for begin, end in without[:3]
     )
     more = f" and {len(without) - 3} times more" if len(without) > 3 else ""
     return [
         f"{quantity} {names} lasts from {whole}{holds}, the run from "
-        f"{notation.group(first)} to {notation.group(last)}: no data {lacking}{more} ({math.floor(100 * share)}% of the run "
+        f"{notation.format_dtg(first)} to {notation.format_dtg(last)}: no data {lacking}{more} ({math.floor(100 * share)}% of the run "
         "is covered), and particles adrift then are lost. Change "
         + (
             f"start, duration or end, or leave {names} out: it has add = true, so the sum needs it"

@@ -238,7 +238,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
         scenario.name: scenario.family for scenario in scenarios if scenario.family is not None
     }
     ways = _tracks_off_lanes(named_itineraries)
-    groups = [(shapes, family.together(names, places_of)) for shapes, names in ways.items()]
+    groups = [(shapes, family.merge_names(names, places_of)) for shapes, names in ways.items()]
     rings = list(dict.fromkeys(ring for _, own in named_itineraries for ring in own.rings))
     trackers = _trackers(named_itineraries)
     corners = [

@@ -24,7 +24,7 @@ from geo import notation, sphere
 from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
-from geo.forcing.quantity import needed
+from geo.forcing.quantity import required_quantities
 from geo.forcing.sources import Source
 
 MANY = 10  # scenarios listed in an error message
@@ -47,7 +47,7 @@ class Lacking:
     silent: Mapping[tuple[str, int, int], tuple[Partial, Partial]]
 
 
-def lacking(box: Box, ensemble: Ensemble, scene: Scene, clock: Clock) -> Lacking:
+def prior_without_forcing(box: Box, ensemble: Ensemble, scene: Scene, clock: Clock) -> Lacking:
     """Return the part of an initial ensemble that lacks forcing at the start of the run."""
     low, high, _ = next(clock.steps())
     scene.forcing.set(low, high)
@@ -90,13 +90,13 @@ def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun
     x, y = begun.lon.astype(np.int64), begun.lat.astype(np.int64)
     beyond = np.flatnonzero(((x - west) % sphere.TURN > width) | (y < south) | (y > south + height))
     scenario = np.repeat(blocks.scenario, np.diff(blocks.first, append=blocks.n))
-    missing: dict[str, list[Partial]] = {quantity: [] for quantity in needed()}
+    missing: dict[str, list[Partial]] = {quantity: [] for quantity in required_quantities()}
     silent: dict[tuple[str, int, int], tuple[Partial, Partial]] = {}
     for number, sea in enumerate(_scenarios_by_sources(scene)):
         slots = np.flatnonzero(np.isin(scenario, sea))
         seen = blocks.partial(begun.weight[slots], slots=slots)
         # where a term has no value
-        lacks = {quantity: np.zeros(slots.size, bool) for quantity in needed()}
+        lacks = {quantity: np.zeros(slots.size, bool) for quantity in required_quantities()}
         lon, lat = begun.lon[slots], begun.lat[slots]
         member = None if begun.member is None else begun.member[slots]
         for k, (quantity, _, valid) in enumerate(
@@ -117,7 +117,7 @@ def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun
 
 def merged(parts: Sequence[Lacking]) -> Lacking:
     """Return the sums of all shards."""
-    first, merge = parts[0], partials.merged
+    first, merge = parts[0], partials.merge_partials
     return Lacking(
         merge([part.weight for part in parts]),
         merge([part.beyond for part in parts]),
@@ -148,7 +148,9 @@ def check_prior(
                 if of == quantity:
                     numbers = _scenarios_by_sources(scene)[sea]
                     term = [
-                        term for own in needed() for term in scene.forcing.terms[numbers[0]][own]
+                        term
+                        for own in required_quantities()
+                        for term in scene.forcing.terms[numbers[0]][own]
                     ][k]
                     places += _losses_by_scenario(spec, where, quantity, term, numbers, *sums)
             summed = any(key[0] == quantity for named in where.scenarios for key in named.added)
@@ -164,7 +166,9 @@ def _scenarios_by_sources(scene: Scene) -> list[tuple[int, ...]]:
     """Return groups of scenario numbers that use the same sources of all required quantities."""
     together: dict[tuple[Any, ...], list[int]] = {}
     for number, ranges in enumerate(scene.forcing.ranges):
-        together.setdefault(tuple(ranges[quantity] for quantity in needed()), []).append(number)
+        together.setdefault(
+            tuple(ranges[quantity] for quantity in required_quantities()), []
+        ).append(number)
     return [tuple(sea) for sea in together.values()]
 
 
@@ -290,7 +294,7 @@ def _where_source_begins(source: Source, lon: float, lat: float) -> str:
     near = int(np.argmin(apart))
     if apart[near] < np.radians(max(grid.dlon, grid.dlat)) * sphere.RADIUS:
         return "has no value there (land, or missing)"
-    return f"begins {notation.toward(lon, lat, float(x[near]), float(y[near]))}"
+    return f"begins {notation.distance_and_direction(lon, lat, float(x[near]), float(y[near]))}"
 
 
 def _edge(box: Box, lon: float, lat: float) -> str:
@@ -307,4 +311,4 @@ def _edge(box: Box, lon: float, lat: float) -> str:
     near = int(
         np.argmin(sphere.distance(np.radians(lon), np.radians(lat), np.radians(x), np.radians(y)))
     )
-    return notation.toward(lon, lat, float(x[near]), float(y[near]))
+    return notation.distance_and_direction(lon, lat, float(x[near]), float(y[near]))

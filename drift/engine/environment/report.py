@@ -26,7 +26,7 @@ def flows(found: Mapping[str, Flow]) -> list[Leaf]:
         )
         lon, visible = sphere.wrap_degrees(flow.lon), quantity == "current"
         shown.append(
-            leaves.arrows(title, flow.time, lon, flow.lat, flow.velocity, look, shown=visible)
+            leaves.arrows_leaf(title, flow.time, lon, flow.lat, flow.velocity, look, shown=visible)
         )
     return shown
 
@@ -44,7 +44,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> list[Leaf]:
         for name, lines in places.items()
     ]
     return [
-        leaves.features(
+        leaves.features_leaf(
             "Itineraries of targets",
             [one for one in drawn if one["geometry"]["coordinates"]],
             "way",

@@ -127,7 +127,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                     ] = None
     if wrong:
         raise UserError(
-            *family.gathered(
+            *family.merge_lines(
                 [*wrong], {s.name: s.family for s in scenarios if s.family is not None}
             )
         )

@@ -15,7 +15,7 @@ from drift.engine.particles.snapshot import Snapshot
 from drift.engine.particles.status import Status
 from geo import notation, sphere
 from geo.array import Array
-from geo.forcing.quantity import needed
+from geo.forcing.quantity import required_quantities
 
 Shares = dict[tuple[str, tuple[str, ...]], float]  # by quantity and the names of a term's sources
 
@@ -42,7 +42,7 @@ def terms(
         member: forcing ensemble member of each place, int32 (n,); None without an ensemble.
         fraction: of the step to which the forcing is set.
     """
-    for quantity in needed():
+    for quantity in required_quantities():
         for term in forcing.terms[scenario][quantity]:
             yield (
                 quantity,
@@ -90,7 +90,7 @@ def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[AtEnd]]) ->
         for end in ends()
         for p, number in [stuck(end)]
     ]
-    by_step = partials.merged(sums).total[:, 0]
+    by_step = partials.merge_partials(sums).total[:, 0]
     chosen = [int(k) for k in np.argsort(-by_step, kind="stable")[:MOST] if by_step[k] > 0]
     shares: Shares = {}
     for end in ends():

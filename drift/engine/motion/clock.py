@@ -36,7 +36,9 @@ def lattice(times: list[npt.NDArray[np.int64]]) -> tuple[int, int]:
     return 3600, int(times[0][0]) // 3600 * 3600 if times else 0
 
 
-def breaks(times: Sequence[npt.NDArray[np.int64]], step: int, origin: int) -> tuple[int, ...]:
+def off_lattice_times(
+    times: Sequence[npt.NDArray[np.int64]], step: int, origin: int
+) -> tuple[int, ...]:
     """Return the source times [s since 1970], ascending, that split a step of the lattice through
     `origin`.
     """

@@ -51,7 +51,7 @@ def everyday_words() -> tuple[str, ...]:
     return tuple(_meanings())
 
 
-def parts(text: str) -> list[str]:
+def split_words(text: str) -> list[str]:
     """Return the words of a text in lower case; a phrase of the table counts as one word."""
     single, found = text.lower().split(), list[str]()
     while single:
@@ -61,7 +61,7 @@ def parts(text: str) -> list[str]:
     return found
 
 
-def meaning(word: str, classes: Sequence[str]) -> Meaning | None:
+def classes_of_word(word: str, classes: Sequence[str]) -> Meaning | None:
     """Return the classes that a word or phrase (singular or plural) covers; None if it is not in
     the table.
     """
@@ -76,7 +76,7 @@ def search_objects_of(text: str, classes: Sequence[str]) -> tuple[str, ...] | No
     """Return the sweep width objects for a word or phrase, () if none match; None for an unknown
     word.
     """
-    meant = meaning(" ".join(text.lower().split()), classes)
+    meant = classes_of_word(" ".join(text.lower().split()), classes)
     if meant is None:
         return None
     found = (search_objects(name) for name in classes if name in meant.classes)

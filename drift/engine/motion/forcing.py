@@ -64,7 +64,7 @@ def _leave_if_closed(closed: Event) -> None:
     open.
     """
     if closed.is_set():
-        raise waiting.Left
+        raise waiting.WaitInterrupted
 
 
 class Forcing:
@@ -77,7 +77,7 @@ class Forcing:
     def __init__(self, scenarios: list[Sources], direction: int) -> None:
         self._closed = Event()
         self._pool = ThreadPoolExecutor(
-            1, "read-ahead", waiting.ask, (partial(_leave_if_closed, self._closed),)
+            1, "read-ahead", waiting.set_wait_check, (partial(_leave_if_closed, self._closed),)
         )
         self._slices: list[tuple[Slices, ...]] = []  # of each tile, by member
         self.ranges: list[Ranges] = []

@@ -54,7 +54,7 @@ class Guided:
         """Row of each step number; steps without a row come after the last find."""
         return {number: row for row, number in enumerate(self.numbers)}
 
-    def set_nudges(self, own: Mapping[str, Device], step: Step) -> None:
+    def write_nudges(self, own: Mapping[str, Device], step: Step) -> None:
         """Write the shifts of a step's normal variates from the pulls of particles.
 
         Args:
@@ -69,7 +69,7 @@ class Guided:
             kernel.nudge(float(current), float(wind), int(number == 0), *pulls, nudges)
 
 
-def set_nudges(how: Guided | None, ensemble: Ensemble, step: Step) -> None:
+def write_nudges(how: Guided | None, ensemble: Ensemble, step: Step) -> None:
     """Write the shifts of a step's normal variates if particles are guided."""
     if how is not None:
-        how.set_nudges(ensemble.own, step)
+        how.write_nudges(ensemble.own, step)

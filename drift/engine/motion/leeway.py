@@ -121,7 +121,7 @@ def _drifter(row: dict[str, str]) -> Drifter:
     )
 
 
-def find(name: str) -> Drifter:
+def find_class(name: str) -> Drifter:
     """Return a class by name, ignoring case; raise UserError with the nearest name if it is
     unknown.
     """
@@ -136,17 +136,20 @@ def find(name: str) -> Drifter:
 
 
 def _hint(name: str) -> str:
-    matches = search(name.replace("-", " ").replace("_", " "))
+    matches = search_classes(name.replace("-", " ").replace("_", " "))
     return f'such as "{matches[0].name}"' if matches else 'or "water" for a pure water drifter'
 
 
-def search(words: str = "") -> list[Drifter]:
+def search_classes(words: str = "") -> list[Drifter]:
     """Return the classes whose name or description, or that of their main class, has every word.
 
     Case is ignored. Everyday words, such as yacht, match the classes they cover:
     drift.engine.motion.everyday.
     """
-    wanted = [(word, everyday.meaning(word, tuple(classes()))) for word in everyday.parts(words)]
+    wanted = [
+        (word, everyday.classes_of_word(word, tuple(classes())))
+        for word in everyday.split_words(words)
+    ]
     matches, above = [], [""] * 8
     for drifter in classes().values():
         above[drifter.level] = f"{drifter.name} {drifter.description}".lower()

@@ -114,7 +114,9 @@ def draw_ensemble(
     return Prior(ensemble, begun)
 
 
-def dry(spec: EnsembleSpec, tried: Array, coast: DeviceCoast | None) -> tuple[float, ...]:
+def shares_on_land(
+    spec: EnsembleSpec, tried: Array, coast: DeviceCoast | None
+) -> tuple[float, ...]:
     """Return the share of each scenario's prior that lies on land and was left out.
 
     Args:

@@ -108,7 +108,7 @@ class Scene:
             if keep
             else None
         )
-        guided.set_nudges(self.guided, ensemble, step)
+        guided.write_nudges(self.guided, ensemble, step)
         for move in moves:
             move(step, count)
         return begin

@@ -71,7 +71,7 @@ class Filter(Protocol):
         it.
         """
 
-    def take_effect(self, time: int, place: PositionsAt) -> None:
+    def apply_evidence(self, time: int, place: PositionsAt) -> None:
         """Update weights by the evidence that ends or occurs at a time.
 
         place: returns where an ensemble's particles were at that time.
@@ -163,7 +163,7 @@ def run(
     due = [int(t) for t in outputs if since is None or t > since]
     if search and since is None:
         for time in search.stops(-1, 0):
-            search.take_effect(time, lambda which, *_: _current_positions(which))
+            search.apply_evidence(time, lambda which, *_: _current_positions(which))
     while since is None and due and due[0] <= 0:
         yield _moment(ensemble, partial(_current_positions, ensemble), due.pop(0), search)
     steps = (timed for timed in clock.steps() if since is None or timed.step.elapsed >= since)
@@ -188,7 +188,7 @@ def run(
             watch(step.elapsed)
         for t in sorted(shown | stops):
             if watching and t in stops:
-                watching.take_effect(t, within.at)
+                watching.apply_evidence(t, within.at)
             while due and due[0] == t:
                 yield _moment(
                     ensemble, partial(within.look, ensemble, scene, None, t), due.pop(0), search

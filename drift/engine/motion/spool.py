@@ -51,7 +51,7 @@ END = ("log_weight", "release", "status_since", "edge", "world")
 
 def _storage_error(reason: str, folder: Path | None = None) -> UserError:
     if folder is None:
-        return temporary.refusal(reason)
+        return temporary.temporary_folder_error(reason)
     return UserError(f"{folder}: {reason}; free some space, or name another folder with --out")
 
 
@@ -112,7 +112,7 @@ class ShardFile:
                 where["family"] = before["family"]
             self.taken.append(SnapshotIndex(period.time(moment.elapsed), moment.layout, where))
 
-    def end_with(self, ensemble: Ensemble) -> None:
+    def record_end(self, ensemble: Ensemble) -> None:
         """Store an ensemble's columns at the end of the run."""
         for name in (*END, *({members.COLUMN.name} & {*ensemble.own})):
             self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())
@@ -288,11 +288,13 @@ class SnapshotStore(Sequence[Snapshot]):
         reel = ShardFile(file, ensemble.n)
         try:
             reel.record(period, moments)
-            reel.end_with(ensemble)
+            reel.record_end(ensemble)
             if more:
                 more(reel)
         except NoRoom as error:
-            raise _storage_error(f"{error}; all output times need {notation.size(need)}") from error
+            raise _storage_error(
+                f"{error}; all output times need {notation.format_bytes(need)}"
+            ) from error
         except BaseException:
             file.close()
             raise
@@ -442,7 +444,7 @@ class SnapshotStore(Sequence[Snapshot]):
                 .partial(np.exp(reel.logs(at, *reel.slots(at, span)).astype(np.float64) - top))
                 for reel, span in spans
             ]
-            self._scale[key] = top, float(partials.merged(sums).total[0, 0])
+            self._scale[key] = top, float(partials.merge_partials(sums).total[0, 0])
         return self._scale[key]
 
     def follow(self, slots: Array) -> dict[str, Array]:

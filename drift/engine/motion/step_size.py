@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from drift.engine.motion.clock import NEVER, Clock, breaks, lattice
+from drift.engine.motion.clock import NEVER, Clock, lattice, off_lattice_times
 from drift.engine.motion.forcing_error import Errors
 from drift.engine.motion.period import ClockSpec, Period
 from drift.engine.motion.scene import Begin, Scene
@@ -130,7 +130,11 @@ def _stepping(
 ) -> Clock:
     """Return the clock of a run with a step, on the lattice through `origin` [s since 1970]."""
     return replace(
-        run, step=step, phase=origin % step, breaks=breaks(times, step, origin), straight=straight
+        run,
+        step=step,
+        phase=origin % step,
+        breaks=off_lattice_times(times, step, origin),
+        straight=straight,
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from drift.engine.particles import partials, weights
 from drift.engine.particles.partials import Blocks
 from drift.engine.particles.status import Status
-from drift.engine.particles.weights import Weighed
+from drift.engine.particles.weights import WeightSums
 from geo.array import Array
 from kernels.runtime import batch, rows, runtime
 from kernels.runtime.batch import Batch
@@ -239,9 +239,9 @@ def inherit(columns: Iterable[Device], ancestors: Array) -> None:
         array.from_numpy(values)
 
 
-def weighed(ensemble: Ensemble) -> Weighed:
+def weighed(ensemble: Ensemble) -> WeightSums:
     """Return the sums of the weights of all particles by block."""
-    return weights.weighed(ensemble.log_weight.to_numpy(), ensemble.blocks)
+    return weights.sum_weights(ensemble.log_weight.to_numpy(), ensemble.blocks)
 
 
 def probability(ensemble: Ensemble) -> Array:

@@ -12,7 +12,7 @@ from drift.engine.particles.status import Status
 from geo.array import Array
 
 
-def over(status: Array) -> Array:
+def has_stopped(status: Array) -> Array:
     """Return which particles have stopped for good (stranded, sunk, left, lost, arrived, aground),
     bool (n,).
     """
@@ -36,7 +36,7 @@ class Lives:
 
     def at(self, time: int) -> Array:
         """Return the status of each particle at a time within the step, int32 (n,)."""
-        ended = over(self.status) & (self.since <= time)
+        ended = has_stopped(self.status) & (self.since <= time)
         status = np.where(ended, self.status, np.int32(Status.ADRIFT))
         # later in the step
         refloats = (status == Status.ADRIFT) & (self.moving > np.maximum(time, self.release))

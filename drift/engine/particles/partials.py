@@ -113,7 +113,7 @@ class Blocks:
         sums = self.partial(*values, code=code, many=many).total.T
         return np.asarray(sums if len(values) > 1 else sums[0])
 
-    def grouped(self, group: Array, values: Array) -> Array:
+    def sum_by_group(self, group: Array, values: Array) -> Array:
         """Return the sums of values (n,) over all particles by group (n,), a non-negative integer.
 
         It is fast where groups occupy long runs of slots.
@@ -162,7 +162,7 @@ def cut_blocks(bounds: Sequence[int], numbers: Sequence[int], size: Sequence[int
     return Blocks(bounds[-1], len(firsts), first, scenario, first + shift[scenario])
 
 
-def over_worlds(values: Array) -> Array:
+def sum_over_worlds(values: Array) -> Array:
     """Return the sum over worlds of per-world values (W, ...), summed in blocks of WORLDS
     worlds.
     """
@@ -208,7 +208,7 @@ class Partial:
         return np.asarray(np.add.accumulate(self.by_scenario, axis=0)[-1])
 
 
-def merged(parts: Sequence[Partial]) -> Partial:
+def merge_partials(parts: Sequence[Partial]) -> Partial:
     """Return the sums of all parts (at least one); no block may occur in two of them."""
     if len(parts) == 1:
         return parts[0]

@@ -145,7 +145,7 @@ def offspring(
     return ancestors, new, spare
 
 
-def across(
+def resample_across_scenarios(
     log_weight: Array, scenarios: list[tuple[int, int]], number: int, seeds: tuple[int, int]
 ) -> tuple[Array, Array, tuple[int, ...]]:
     """Return each slot's ancestor and log weight, (n,) each, and the new bounds of the scenarios.

@@ -86,7 +86,7 @@ class Output(Protocol):
 
 def total(output: Output, sums: Callable[[Snapshot], Partial]) -> Partial:
     """Return sums over all particles of an output; sums: computes those of one part."""
-    return partials.merged([sums(part) for part in output.parts()])
+    return partials.merge_partials([sums(part) for part in output.parts()])
 
 
 def mapped(snapshot: Snapshot) -> Array:

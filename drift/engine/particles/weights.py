@@ -64,7 +64,7 @@ def families(many: int, runs: Sequence[tuple[Array, Array]]) -> tuple[Array, Arr
 
 
 @dataclass(frozen=True)
-class Weighed:
+class WeightSums:
     """Sums of all weights by block, each in units of the block's largest weight."""
 
     top: Array  # (k,) largest log weight of each block
@@ -115,20 +115,20 @@ class Weighed:
         return float(total**2 / squares)
 
 
-def weighed(log_weight: Array, blocks: Blocks) -> Weighed:
+def sum_weights(log_weight: Array, blocks: Blocks) -> WeightSums:
     """Return the sums of weights by block from log weights (n,)."""
     logs = log_weight.astype(np.float64)
     top = np.maximum.reduceat(logs, blocks.first) if blocks.first.size else np.empty(0)
     own = np.repeat(np.where(np.isfinite(top), top, 0.0), np.diff(blocks.first, append=blocks.n))
     weight = np.exp(logs - own)
-    return Weighed(top, blocks.partial(weight, weight**2))
+    return WeightSums(top, blocks.partial(weight, weight**2))
 
 
-def merged(parts: Sequence[Weighed]) -> Weighed:
+def merge_weight_sums(parts: Sequence[WeightSums]) -> WeightSums:
     """Return the sums of weights of all parts (at least one)."""
     order = np.argsort(np.concatenate([one.part.number for one in parts]), kind="stable")
     top = np.concatenate([one.top for one in parts])[order]
-    return Weighed(top, partials.merged([one.part for one in parts]))
+    return WeightSums(top, partials.merge_partials([one.part for one in parts]))
 
 
 class Unit(NamedTuple):
@@ -142,11 +142,11 @@ class Unit(NamedTuple):
         return np.asarray(relative(log_weight, self.top) / self.total)
 
 
-def unit(columns: Columns, name: str) -> Unit:
+def normalising_scale(columns: Columns, name: str) -> Unit:
     """Return the scale that normalises a column of log weights."""
     top = max(float(logs.max()) for _, logs in columns.parts(name))
     sums = [blocks.partial(relative(logs, top)) for blocks, logs in columns.parts(name)]
-    return Unit(top, float(partials.merged(sums).total[0, 0]))
+    return Unit(top, float(partials.merge_partials(sums).total[0, 0]))
 
 
 def normalised(log_weight: Array, blocks: Blocks) -> Array:

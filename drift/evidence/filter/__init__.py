@@ -1,1 +1,1 @@
-"""What was looked for and how, and what its failure or success says: sorties, contacts, the filter."""
+"""Search evidence: sorties, contacts and sensors, and the particle filter that applies them."""

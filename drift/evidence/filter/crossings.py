@@ -1,4 +1,4 @@
-"""How likely each line is crossed, and when first, by scenario: what `[[line]]` asks for."""
+"""Probability and time of the first crossing of each `[[line]]`, by scenario."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from geo.array import Array
 ALL = "all"
 PERCENTS = (5, 50, 95)
 BINS = 240  # parts of the run, in which first crossings are counted
-PARTS = 10  # parts of each, between which percentiles are told
+PARTS = 10  # parts of each bin, for the resolution of percentiles
 HEADER = [
     "line",
     "scenario",
@@ -32,17 +32,17 @@ HEADER = [
 
 @dataclass(frozen=True)
 class Crossing:
-    """First crossings of one line, given all that was seen in the run.
+    """First crossings of one line, given all evidence of the run.
 
-    Arrays have a row for each scenario, then one for all together.
+    Arrays have one row per scenario, then one for all together.
     """
 
     line: Line
     probability: Array  # (scenarios + 1,) that it is crossed, or touched, in the run
-    error: Array  # (scenarios + 1,) standard error of that, of the particles alone
+    error: Array  # (scenarios + 1,) Monte Carlo standard error of `probability`
     first: (
-        # datetime64[s] (scenarios + 1, 3): times by which 5, 50 and 95 % of the first crossings
-        # are; NaT: none
+        # datetime64[s] (scenarios + 1, 3): 5, 50 and 95 % quantiles of the time of first crossing;
+        # NaT: no crossing
         Array
     )
     # (scenarios + 1, BINS): probability of a first crossing by part of the run; adds up to
@@ -60,8 +60,9 @@ class Crossings:
 
 
 class Watched(NamedTuple):
-    """A line, and what it has seen of particles by the end of the run: see
-    drift.evidence.filter.observers.
+    """A line and its observations of the particles by the end of the run.
+
+    See drift.evidence.filter.observers.
     """
 
     line: Line
@@ -70,7 +71,7 @@ class Watched(NamedTuple):
 
 
 def columns_of(watched: Sequence[Watched]) -> dict[str, Array]:
-    """Return what lines have seen as columns, as `build` takes them."""
+    """Return the observations of lines as columns for `build_crossings`."""
     return {
         column_of(k, name): getattr(seen, name)
         for k, seen in enumerate(watched)
@@ -79,15 +80,19 @@ def columns_of(watched: Sequence[Watched]) -> dict[str, Array]:
 
 
 def column_of(number: int, name: str) -> str:
-    """Return what the column of a line, by its number, is called."""
+    """Return the name of a column of a line, given the number of the line."""
     return f"line {number} {name}"
 
 
 def build_crossings(spec: EnsembleSpec, lines: Sequence[Line], columns: Columns) -> Crossings:
-    """Return the first crossings of lines by what they saw of particles and by their `log_weight`
-    at the end of the run.
+    """Return the first crossings of lines.
+
+    Args:
+        spec: scenarios and period of the run.
+        lines: the lines of the case.
+        columns: the columns of `columns_of` and `log_weight` at the end of the run.
     """
-    unit = weights.unit(columns, "log_weight")
+    unit = weights.normalising_scale(columns, "log_weight")
     found = [_crossing(spec, line, number, columns, unit) for number, line in enumerate(lines)]
     edges = np.round(np.linspace(0, spec.period.duration, BINS + 1)).astype("timedelta64[s]")
     return Crossings(tuple(s.name for s in spec.scenarios), spec.period.start + edges, tuple(found))
@@ -96,27 +101,27 @@ def build_crossings(spec: EnsembleSpec, lines: Sequence[Line], columns: Columns)
 def _crossing(
     spec: EnsembleSpec, line: Line, number: int, columns: Columns, unit: Unit
 ) -> Crossing:
-    told, drawn = [], []
+    moments, times_drawn = [], []
     names = (column_of(number, name) for name in ("stayed", "when"))
     for blocks, log_weight, *seen in columns.parts("log_weight", *names):
         stayed, when = (column.astype(np.float64) for column in seen)
-        # no crossing is told as -0
+        # 0.0 - ... avoids -0 for particles that never cross
         weight, chance = unit.shares(log_weight), 0.0 - np.expm1(stayed)
         square = weight**2
-        told.append(
+        moments.append(
             blocks.partial(weight, weight * chance, square, square * chance, square * chance**2)
         )
-        # Times are drawn: they say how the probability is spread, and the probability itself how
-        # much there is.
+        # Crossing times are sampled. They give the distribution over time; its total is the
+        # probability, which is computed without sampling.
         share = np.minimum(when / spec.period.duration * PARTS * BINS, PARTS * BINS - 1)
         bins = np.where(when < 0, PARTS * BINS, share).astype(np.int64)
-        drawn.append(blocks.partial(weight, code=bins, many=PARTS * BINS + 1))
-    sums = partials.merged(told)
+        times_drawn.append(blocks.partial(weight, code=bins, many=PARTS * BINS + 1))
+    sums = partials.merge_partials(moments)
     total, hit, squares, cross, both = np.concatenate([sums.by_scenario[:, 0], sums.total]).T
     probability = _ratio(hit, total)
     spread = both - 2 * probability * cross + probability**2 * squares
     error = _ratio(np.sqrt(np.maximum(spread, 0.0)), total)
-    first_times = partials.merged(drawn)
+    first_times = partials.merge_partials(times_drawn)
     spread_out = np.concatenate(
         [first_times.by_scenario[:, :-1, 0], first_times.total[None, :-1, 0]]
     )
@@ -127,14 +132,12 @@ def _crossing(
 
 
 def _ratio(over: Array, under: Array) -> Array:
-    """Return a quotient, 0 where there is nothing below."""
+    """Return a quotient, 0 where the divisor is 0."""
     return np.asarray(np.divide(over, under, out=np.zeros(over.shape), where=under > 0))
 
 
 def _times(spec: EnsembleSpec, share: Array) -> Array:
-    """Return the times by which PERCENTS of the first crossings are, from their shares by part of
-    the run.
-    """
+    """Return the PERCENTS quantiles of the first crossing, from shares by part of the run."""
     if share.sum() == 0:
         return np.full(len(PERCENTS), "NaT", "datetime64[s]")
     edges, running = (
@@ -147,8 +150,9 @@ def _times(spec: EnsembleSpec, share: Array) -> Array:
 
 
 def csv(crossings: Crossings | None, run: str) -> str:
-    """Return a row for each line and scenario, and one for all together, as CSV; empty: it is not
-    crossed.
+    """Return the CSV of crossings: a row per line and scenario, and one for all together.
+
+    Times are empty if the line is not crossed.
     """
     rows = []
     assert crossings is not None
@@ -162,7 +166,7 @@ def csv(crossings: Crossings | None, run: str) -> str:
                     f"{crossing.probability[row]:.6g}",
                     f"{crossing.error[row]:.2g}",
                     *("" if time is None else notation.iso(time) for time in times),
-                    *("" if time is None else notation.group(time) for time in times),
+                    *("" if time is None else notation.format_dtg(time) for time in times),
                     run,
                 ]
             )
@@ -170,7 +174,7 @@ def csv(crossings: Crossings | None, run: str) -> str:
 
 
 def summary_of_crossings(crossings: Crossings) -> list[dict[str, Any]]:
-    """Return the same for the summary, by line."""
+    """Return the crossings for the summary, one entry per line."""
     return [
         {
             "name": crossing.line.name,

@@ -1,9 +1,8 @@
-"""A sortie as it is flown: what its sensor has done to each particle, and what its failure does to
-weights.
+"""A sortie as it is flown: the exposure of each particle, and the weights after its failure.
 
-An area counts the time inside it, legs the hazard along relative tracks or the passes abeam, a
-watch the time in its zones. All of it is kept on the device, in buffers that are freed when the
-sortie ends.
+The exposure to an area is the time inside it. The exposure to legs is the hazard along relative
+tracks, or the passes abeam. The exposure to a watch is the time in its zones. All exposures are on
+the device, in buffers that are freed when the sortie ends.
 """
 
 import math
@@ -39,34 +38,37 @@ CERTAIN = 1 - 1e-12  # highest chance of detection of a watch that has a finite 
 
 @dataclass(frozen=True)
 class Exposed:
-    """What a sortie has done to each particle, on the device."""
+    """The exposure of each particle to a sortie, on the device."""
 
-    # exposure while it was adrift (n,); logs of misses by factor of the sweep width (factors * n,)
+    # exposure while adrift (n,); for passes abeam, log misses by sweep width factor (factors * n,)
     adrift: Device
-    inside: Device | None  # share of the time in its area (n,), where exposure is another quantity
-    # exposure while it was under way (n,); None: nothing steers, or passes have been written
+    inside: Device | None  # share of the time in its area (n,), if exposure is another quantity
+    # exposure while under way (n,); None: nothing steers, or passes abeam are stored in `adrift`
     under_way: Device | None
-    passed: Device | None  # number of the leg on which a target under way has last been passed (n,)
+    passed: Device | None  # number of the leg that last passed each target under way (n,)
 
     @property
     def columns(self) -> dict[str, Device]:
-        """Its columns by name."""
+        """Its columns by name, without those that are None."""
         return {name: column for name, column in vars(self).items() if column is not None}
 
     def copy(self) -> "Exposed":
-        """Return a copy."""
+        """Return a copy with new device buffers."""
         return Exposed(
             *(None if column is None else runtime.copy(column) for column in vars(self).values())
         )
 
 
 @dataclass(frozen=True)
-class _Way:
-    """Where a sensor goes the same way, and what moves it there besides; None: it does not drift."""
+class _SharedPath:
+    """Scenarios and ensemble members in which the sensor has the same track, and its marker.
+
+    The marker is None if the sensor does not drift.
+    """
 
     scenarios: tuple[int, ...]
     marker: Marker | Tracked | None
-    member: int | None = None  # of an ensemble of currents; None: in all of them
+    member: int | None = None  # of an ensemble of currents; None: all members
 
 
 class SortieExposure:
@@ -79,10 +81,14 @@ class SortieExposure:
         seas: Sequence[tuple[int, ...]],
         members: Sequence[int] | None = None,
     ) -> None:
-        """Make ready.
+        """Set up a sortie.
 
-        start: of the run [s since 1970]; seas: scenarios that see the same current, together, all
-        of the run's; members: of each sea's current, by default one.
+        Args:
+            sortie: the sortie.
+            start: of the run [s since 1970].
+            seas: groups of scenarios with the same current; together they are all scenarios of the
+                run.
+            members: number of members of each group's current, by default one.
         """
         self.sortie = sortie
         self.begin, self.end = (
@@ -94,43 +100,46 @@ class SortieExposure:
         self._place, self._ring = None, None
         if sortie.area is not None:
             lon, lat, self._ring = sensor_path.ring(sortie.area)
-            self._place = sensor_path.standing(lon, lat, self.begin, self.end)
+            self._place = sensor_path.path_of_fixed_sensor(lon, lat, self.begin, self.end)
         every = tuple(sorted(scenario for sea in seas for scenario in sea))
         self._scenarios = len(every)
-        self._ways = [_Way(every, None)]
-        self._shown = self._ways  # the ways that are told: of an ensemble that of its mean
+        self._paths_by_current = [_SharedPath(every, None)]
+        self._reported_paths = (
+            self._paths_by_current
+        )  # the tracks that are reported; for an ensemble, that of the mean
         self._datum = (0.0, 0.0)
         if sortie.frame == "datum":
             self._drifts(start, seas, members or [1] * len(seas))
-        self._seen = self.begin  # the time [s] up to which its columns count
-        self.exposed: Exposed | None = None  # what it has done to each particle; None: nothing yet
+        self._exposed_until = self.begin  # the time [s] to which its columns are complete
+        self.exposed: Exposed | None = None  # exposure so far; None: not started
 
     def _drifts(self, start: int, seas: Sequence[tuple[int, ...]], members: Sequence[int]) -> None:
-        """Make ready to drift with a marker, which goes with the current of each sea, and of each
-        of its members.
-        """
+        """Create markers, one for the current of each group of scenarios and of each member."""
         path = self._path or self._place
         assert path is not None
         datum = self._datum = self.sortie.datum or (float(path.lon[0]), float(path.lat[0]))
         if self.sortie.marker is not None:
-            self._ways = self._shown = [
-                _Way(self._ways[0].scenarios, markers.tracked(self.sortie.marker, start))
+            self._paths_by_current = self._reported_paths = [
+                _SharedPath(
+                    self._paths_by_current[0].scenarios,
+                    markers.marker_of_track(self.sortie.marker, start),
+                )
             ]
             return
-        self._ways, self._shown = [], []
+        self._paths_by_current, self._reported_paths = [], []
         for sea, many in zip(seas, members, strict=True):
-            self._shown.append(_Way(sea, Marker(*datum, self.begin, sea[0])))
-            own = [_Way(sea, Marker(*datum, self.begin, sea[0], k), k) for k in range(many)]
-            self._ways += own if many > 1 else self._shown[-1:]
+            self._reported_paths.append(_SharedPath(sea, Marker(*datum, self.begin, sea[0])))
+            own = [_SharedPath(sea, Marker(*datum, self.begin, sea[0], k), k) for k in range(many)]
+            self._paths_by_current += own if many > 1 else self._reported_paths[-1:]
 
     @property
     def key(self) -> tuple[str, float]:
-        """What sorties have in common that share an unknown factor of sweep width."""
+        """The key that sorties with the same unknown factor of sweep width share."""
         return self.sortie.group, self.sortie.shape
 
     @property
     def _kind(self) -> int:
-        """What its exposure adds up."""
+        """The kind of its exposure, a constant of kernels.evidence.sweep."""
         if self.sortie.watch:
             return int(sweep.ZONES)
         if self._path is None:
@@ -142,9 +151,11 @@ class SortieExposure:
     def as_flown(self, scenario: int, start: int) -> Sortie:
         """Return the sortie, with the track of its marker in a scenario if it drifts.
 
-        start: of the run [s since 1970].
+        Args:
+            scenario: number of the scenario.
+            start: of the run [s since 1970].
         """
-        marker = next(way.marker for way in self._shown if scenario in way.scenarios)
+        marker = next(way.marker for way in self._reported_paths if scenario in way.scenarios)
         return (
             replace(self.sortie, marker=marker.legs(start))
             if isinstance(marker, Marker)
@@ -153,12 +164,14 @@ class SortieExposure:
 
     @property
     def markers(self) -> list[Marker]:
-        """The markers with which it drifts and whose tracks are not known."""
-        every = {id(way.marker): way.marker for way in (*self._ways, *self._shown)}.values()
+        """Its markers without known tracks."""
+        every = {
+            id(way.marker): way.marker for way in (*self._paths_by_current, *self._reported_paths)
+        }.values()
         return [marker for marker in every if isinstance(marker, Marker)]
 
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
-        """Take its markers over a step, for which the forcing is set."""
+        """Move its markers over a step; the forcing must be set for the step."""
         for marker in self.markers:
             marker.drift(forcing, elapsed, duration)
 
@@ -171,26 +184,32 @@ class SortieExposure:
         until: int,
         keep: bool = True,
     ) -> Exposed:
-        """Return what it has done to each particle until a time within the step that was just made.
+        """Return the exposure of each particle until a time within the step just made.
 
-        begin: where particles began the step; helm: what steers them. keep: whether its own columns
-        change. They stay as they were for one who merely looks, so that its legs are not cut there.
+        Args:
+            ensemble: the particles.
+            begin: where they began the step.
+            helm: what steers them, if anything.
+            step: the step.
+            until: end of the exposure [s after the run's start].
+            keep: whether to update its own columns. Otherwise they stay unchanged, so that an
+                output does not cut the legs there.
         """
         self.ready(ensemble, helm is not None)
         assert self.exposed is not None
-        first, last = max(self._seen, step.elapsed, self.begin), min(until, self.end)
+        first, last = max(self._exposed_until, step.elapsed, self.begin), min(until, self.end)
         if first >= last:
             return self.exposed
         exposed = self.exposed if keep else self.exposed.copy()
         if keep:
-            self._seen = last
+            self._exposed_until = last
         member = (
             dealt.member_of_particles(ensemble)
-            if any(way.member is not None for way in self._ways)
+            if any(way.member is not None for way in self._paths_by_current)
             else None
         )
-        for way in self._ways:
-            chosen = None  # which slots of all, where it is not all of these scenarios
+        for way in self._paths_by_current:
+            chosen = None  # bool (n,): slots of one ensemble member; None: all of these scenarios
             if member is not None and way.member is not None:
                 chosen = member == way.member
             for paths in scene.paths(
@@ -204,10 +223,10 @@ class SortieExposure:
         ensemble: Ensemble,
         paths: Paths,
         span: tuple[float, float],
-        way: _Way,
+        way: _SharedPath,
         exposed: Exposed,
     ) -> None:
-        """Add its exposure of particles along their paths, between two times of the step."""
+        """Add the exposure of particles along their paths, between two times of the step."""
         other = exposed.under_way if paths.steers else exposed.adrift
         for kind, track, (table, scale) in self._tracks(span, paths, way):
             column = exposed.adrift if kind == sweep.ABEAM else other
@@ -227,14 +246,15 @@ class SortieExposure:
             )
 
     def _tracks(
-        self, span: tuple[float, float], paths: Paths, way: _Way
+        self, span: tuple[float, float], paths: Paths, way: _SharedPath
     ) -> Iterator[tuple[int, Track, tuple[Array, Array]]]:
-        """Yield the kind of exposure, the track between two times and the tables, for its path and
-        for its area.
+        """Yield the kind of exposure, the track between two times and the kernel's tables.
+
+        There is one entry for its legs and one for its area.
         """
         (first, last), begin, polar = paths.cut(*span), paths.elapsed, paths.polar
         moved = way.marker.where if way.marker else None
-        if self._path is not None and self._looks:
+        if self._path is not None and self._detects:
             track = self._path.between(first, last, begin, moved, self._datum, polar)
             if track is not None:
                 yield self._kind, track, self._tables_under_way if paths.steers else self._tables
@@ -250,7 +270,12 @@ class SortieExposure:
                 yield sweep.INSIDE, track, (ring, np.array([1 / (self.end - self.begin)]))
 
     def ready(self, ensemble: Ensemble, steers: bool) -> Exposed:
-        """Return what it has done to particles, nothing as yet; steers: whether any of them steer."""
+        """Return its exposure; create empty columns on the first call.
+
+        Args:
+            ensemble: the particles.
+            steers: whether any of them steer.
+        """
         if self.exposed is None:
             several = len(self.factors) if self._kind == sweep.ABEAM else 1
             apart = self._kind in (sweep.CUBE, sweep.ABEAM) and self._place is not None
@@ -263,8 +288,8 @@ class SortieExposure:
         return self.exposed
 
     @property
-    def _looks(self) -> bool:
-        """Whether there is anything that it may see along its path."""
+    def _detects(self) -> bool:
+        """Whether it can detect anything along its legs."""
         return (
             bool(self.sortie.watch) or max((*self.sortie.sweep_width, *self._width_under_way)) > 0
         )
@@ -275,7 +300,7 @@ class SortieExposure:
 
     @cached_property
     def _unit(self) -> Array:
-        """The range [m], by scenario, below which nothing finer matters to it."""
+        """The range [m], by scenario, below which finer detail does not matter."""
         if self.sortie.watch:
             return np.full(self._scenarios, min(self.sortie.watch.outer))
         if self._path is None and self.sortie.area is not None:
@@ -284,12 +309,12 @@ class SortieExposure:
 
     @cached_property
     def _tables(self) -> tuple[Array, Array]:
-        """The kernel's table and scale, the latter by scenario unless it is the same for all."""
+        """The kernel's table and scale; the scale is by scenario unless it is the same for all."""
         return self._tables_of(self.sortie.sweep_width)
 
     @cached_property
     def _tables_under_way(self) -> tuple[Array, Array]:
-        """The same for targets under way."""
+        """The kernel's table and scale for targets under way."""
         return self._tables_of(self._width_under_way)
 
     def _tables_of(self, widths: Sequence[float]) -> tuple[Array, Array]:
@@ -310,10 +335,13 @@ class SortieExposure:
     def fail(
         self, ensemble: Ensemble, exposed: Exposed, shared: Device, log_weight: Device
     ) -> None:
-        """Multiply weights by the chance that it has missed each particle, in place.
+        """Multiply weights by the probability that it has missed each particle, in place.
 
-        exposed: what it has done to them. shared: logs of the misses so far of all sorties that
-        share its unknown factor of sweep width.
+        Args:
+            ensemble: the particles.
+            exposed: their exposure.
+            shared: log misses so far of all sorties with the same unknown factor of sweep width.
+            log_weight: of the particles, changed in place.
         """
         meaning, coefficient = self._coefficients
         also = (
@@ -335,14 +363,12 @@ class SortieExposure:
 
     @cached_property
     def _coefficients(self) -> tuple[int, Array]:
-        """What the exposure means, and what to multiply it by, (scenarios, factors of the sweep
-        width).
-        """
+        """The meaning of the exposure, and its coefficients (scenarios, factors of sweep width)."""
         return self._coefficients_of(self.sortie.sweep_width, self.sortie.coverage)
 
     @cached_property
     def _coefficients_under_way(self) -> tuple[int, Array]:
-        """The same for targets under way."""
+        """The meaning and coefficients of the exposure of targets under way."""
         return self._coefficients_of(
             self._width_under_way, self.sortie.coverage_under_way or self.sortie.coverage
         )
@@ -365,10 +391,9 @@ class SortieExposure:
         return sweep.MISS, np.repeat(width[:, :1] > 0, len(self.factors), axis=1)
 
     def searched(self) -> Array:
-        """Return the share of its time that each particle was where it searched, float64 (n,).
+        """Return the share of the sortie's time that each particle was in its area, float64 (n,).
 
-        That is in its area; of a watch, which has none, the share is 1 of all that came into a
-        zone.
+        A watch has no area: the share is 1 for all particles that came into a zone.
         """
         assert self.exposed is not None
         own = self.exposed

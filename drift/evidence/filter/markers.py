@@ -1,9 +1,9 @@
-"""Datum markers: where a pattern that drifts with the water has got to.
+"""Datum markers: the position over time of a pattern that drifts with the water.
 
-A marker whose track is not known drifts with the water from the pattern's datum on, in the
-scenario's own forcing and without errors, and in each member by itself where that is an ensemble:
-by Runge-Kutta steps on the host, one for each step of the run, in three dimensions, so that a pole
-is a place like others.
+If the track of a marker is not known, the marker drifts with the water from the pattern's datum on.
+It drifts in the scenario's own forcing, without errors; in an ensemble of currents there is one
+marker per member. Each step of the run is one Runge-Kutta step on the host, in three dimensions, so
+that a pole is not a special case.
 """
 
 import math
@@ -16,20 +16,20 @@ from geo import sphere
 from geo.array import Array
 from geo.polyline import Legs
 
-# [s] at most between places that are kept, and joined by straight lines in lon and lat: 0.2 m off
-# in a strong tide, 12 m in the minute of passing 20 m from a pole
+# [s] at most between stored positions, which are joined by straight lines in lon and lat. The error
+# is 0.2 m in a strong tide, and 12 m in the minute of passing 20 m from a pole.
 NODE = 60.0
 
 
 @dataclass
 class Marker:
-    """The way of one marker in the current that one scenario sees, and perhaps others."""
+    """The track of one marker in the current of one scenario, which others may share."""
 
-    lon: float  # [deg], where it began
+    lon: float  # [deg] starting position
     lat: float
     begin: float  # [s after the run's start]
     scenario: int
-    member: int | None = None  # of an ensemble in which it drifts; None: in the mean of all
+    member: int | None = None  # ensemble member in whose current it drifts; None: mean of all
     _time: list[float] = field(default_factory=list)
     _place: list[Array] = field(default_factory=list)  # lon without jumps, lat [rad]
 
@@ -43,7 +43,10 @@ class Marker:
         return np.interp(time, self._time, lon), np.interp(time, self._time, lat)
 
     def legs(self, start: int) -> Legs | None:
-        """Return its track, None if it has not drifted; start: of the run [s since 1970]."""
+        """Return the track, None if the marker has not drifted.
+
+        start: of the run [s since 1970].
+        """
         if not self._time:
             return None
         lon, lat = np.degrees(np.array(self._place)).T
@@ -52,15 +55,15 @@ class Marker:
 
     @property
     def way(self) -> Array:
-        """Its way so far: time [s after the run's start], lon, lat [rad], (k, 3)."""
+        """The track so far: time [s after the run's start], lon, lat [rad], (k, 3)."""
         return np.column_stack([self._time, np.reshape(self._place, (-1, 2))])
 
     def go_on(self, way: Array) -> None:
-        """Take up a way so far."""
+        """Restore a track so far, as `way` returns it."""
         self._time, self._place = way[:, 0].tolist(), list(way[:, 1:])
 
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
-        """Move it over the step from `elapsed` on, for which the forcing is set."""
+        """Move the marker over the step from `elapsed` on; the forcing must be set for the step."""
         begin, end = float(max(elapsed, self.begin)), float(elapsed + duration)
         if end <= begin:
             return
@@ -73,8 +76,8 @@ class Marker:
         k3 = self._rate(forcing, place + 0.5 * dt * k2, middle)
         k4 = self._rate(forcing, place + dt * k3, last)
         there = place + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        # Inside the step it is on Hermite's cubic, as particles are: the chord of an hour may be
-        # half a kilometre off.
+        # Inside the step the track is Hermite's cubic, as for particles: the chord of an hour may
+        # be half a kilometre off.
         nodes = max(math.ceil(dt / NODE), 1)
         u = (np.arange(nodes) + 1)[:, None] / nodes
         way = (1 + 2 * u) * (1 - u) ** 2 * place + u**2 * (3 - 2 * u) * there
@@ -88,8 +91,7 @@ class Marker:
         self._place += list(np.column_stack([lon, lat]))
 
     def _rate(self, forcing: Forcing, place: Array, share: float) -> Array:
-        """Return the change [1/s] of a place (a vector as long as the Earth's radius is 1) in the
-        current.
+        """Return the rate [1/s] of a position, a vector on the unit sphere, in the current.
 
         It is 0 where there is no forcing: there the marker stays.
         """
@@ -101,8 +103,8 @@ class Marker:
         several = forcing.members(self.scenario, "current") if self.member is None else 1
         every = np.arange(several, dtype=np.int32) + (self.member or 0)
         at = (sphere.to_binary(np.degrees(np.full(every.size, angle))) for angle in (lon, lat))
-        told = forcing.tiles.at(*tiles, *at, float(share), every)
-        known = told[told[:, 2] > 0.5, :2]
+        sampled = forcing.tiles.at(*tiles, *at, float(share), every)
+        known = sampled[sampled[:, 2] > 0.5, :2]
         if not known.size:
             return np.zeros(3)
         east, north = known.mean(axis=0).astype(np.float64) / sphere.RADIUS
@@ -111,13 +113,13 @@ class Marker:
 
 
 def _vector(lon: float, lat: float) -> Array:
-    """Return a place [rad] as a unit vector (3,)."""
+    """Return a position [rad] as a unit vector (3,)."""
     return np.array(sphere.vector(lon, lat))
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """A marker whose track is known, such as a buoy's: it is the same in every scenario."""
+    """A marker with a known track, such as a buoy's: it is the same in every scenario."""
 
     time: Array  # [s after the run's start]
     lon: Array  # [rad] without jumps
@@ -128,8 +130,13 @@ class Tracked:
         return np.interp(time, self.time, self.lon), np.interp(time, self.time, self.lat)
 
 
-def tracked(track: Legs, start: int) -> Tracked:
-    """Return the marker of a known track; start: of the run [s since 1970]."""
+def marker_of_track(track: Legs, start: int) -> Tracked:
+    """Return the marker of a known track.
+
+    Args:
+        track: positions of the marker over time.
+        start: of the run [s since 1970].
+    """
     return Tracked(
         np.array(track.time) - start, np.unwrap(np.radians(track.lon)), np.radians(track.lat)
     )

@@ -1,8 +1,8 @@
-"""Sensors that look on over a time: fields, barriers, and lines whose first crossing is told.
+"""Sensors that observe over a time: fields, barriers, and lines whose crossings are reported.
 
-While the ensemble moves, each keeps for every particle the probability that things have stayed as
-they were: that the field or the line has not been touched, or that the field has not been left.
-Steps are cut where something else asks where the particles are, for their ways are tied down there.
+While the ensemble moves, each sensor keeps for every particle the probability of no change: that
+the particle has not touched the field or the line, or has not left the field. Steps are cut at
+times when other evidence needs positions, because the tracks are conditioned on those positions.
 """
 
 import math
@@ -32,7 +32,7 @@ from kernels.step.advance import Step
 Device = Any
 Places = tuple[Device, Device]  # lon and lat
 
-FOR_EVER = 2**31 - 1  # [s] when a line is no longer looked at
+FOR_EVER = 2**31 - 1  # [s] end time of a line, which is observed to the end of the run
 
 
 @dataclass(eq=False)
@@ -45,24 +45,27 @@ class Observer:
     shape: Shape
     besides: int = observe.WHETHER
     report: tuple[float, float] = (0.0, 1.0)  # time [s] and error [s]
-    # see kernels.evidence.observe.observe_along: stayed, told
+    # the columns `stayed` and `told` of kernels.evidence.observe.observe_along
     columns: list[Device] = field(default_factory=list)
 
     def ready(self, n: int) -> list[Device]:
-        """Return its columns of n particles, which it has from when it begins."""
+        """Return its columns for n particles; create them on the first call."""
         if not self.columns:
-            told = np.full(
+            initial = np.full(
                 n if self.besides else 1, -1.0 if self.besides == observe.WHEN else 0.0, np.float32
             )
-            self.columns = [runtime.empty(n), runtime.upload(told)]
+            self.columns = [runtime.empty(n), runtime.upload(initial)]
         return self.columns
 
     def likelihood(self, columns: list[Device], over: bool) -> Array | None:
-        """Return the log likelihood of what it says, float64 (n,); None where it has said nothing
-        yet.
+        """Return the log likelihood of its report, float64 (n,); None if there is none yet.
 
-        over: whether it is over. Until then what has always been so is known: that a field or
-        barrier says nothing, or that a field says that the object is still in it.
+        Before its end, only reports of no change are known: that a field or barrier has reported
+        nothing, or that a field still reports the object in it.
+
+        Args:
+            columns: of the particles, as `ready` returns them.
+            over: whether it has ended.
         """
         stayed = columns[0].to_numpy().astype(np.float64)
         if isinstance(self.what, Presence):
@@ -70,7 +73,7 @@ class Observer:
             if self.what.present == "sometime" and not over:
                 return None
             chance = np.exp(stayed) if throughout else -np.expm1(stayed)
-            return looks.said(
+            return looks.log_report_probability(
                 chance, self.what.present != "never", self.what.detection, self.what.false_alarms
             )
         if isinstance(self.what, Line):
@@ -85,38 +88,38 @@ class Observer:
 
     @property
     def kind(self) -> Kind:
-        """What it is, as updates call it."""
+        """The kind of its update."""
         return "presence" if isinstance(self.what, Presence) else "barrier"
 
     @property
     def positive(self) -> bool:
-        """Whether it says that the object was there, rather than that it was not."""
+        """Whether it reports that the object was there."""
         if isinstance(self.what, Presence):
             return self.what.present != "never"
         return isinstance(self.what, Barrier) and self.what.reported is not None
 
 
 class Observers:
-    """All sensors of a run that look on over a time."""
+    """All sensors of a run that observe over a time."""
 
     def __init__(
         self, spec: EnsembleSpec, sensors: Sensors, ensemble: Ensemble, scene: Scene
     ) -> None:
-        """Make ready for a run of an ensemble that has been drawn from `spec`, through a scene."""
+        """Set up for a run of an ensemble, drawn from `spec`, through a scene."""
         self._spec, self._ensemble, self._scene = spec, ensemble, scene
         looking: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
-        self._waiting = [observer(what, spec) for what in looking]
-        self.lines = [observer(line, spec) for line in sensors.lines]
+        self._waiting = [create_observer(what, spec) for what in looking]
+        self.lines = [create_observer(line, spec) for line in sensors.lines]
         self._all = (*self._waiting, *self.lines)
         self._step: Step | None = None
         self._begin: Begin | None = None
-        # when in the step, and where, its particles are known to be last
-        self._known: tuple[int, Places] | None = None
-        self._cuts = 0  # parts of the step so far
+        # the last time in the step with known positions, and these positions
+        self._last_positions: tuple[int, Places] | None = None
+        self._cuts = 0  # number of parts of the step so far
 
     @property
     def columns(self) -> dict[str, Device]:
-        """What those that are not over have of particles, by name."""
+        """Columns of particles, by name, of the sensors that have not ended."""
         return {
             f"sensor {number} {which}": column
             for number, seen in enumerate(self._all)
@@ -126,28 +129,27 @@ class Observers:
         }
 
     def column(self, number: int, which: int) -> Device:
-        """Return a column of one of them, made where it is not there yet."""
+        """Return a column of a sensor by number; create it if it does not exist yet."""
         return self._all[number].ready(self._ensemble.n)[which]
 
-    def over_by(self, time: int) -> None:
-        """Take it that all that was over by a time is past."""
+    def drop_ended(self, time: int) -> None:
+        """Drop the sensors that ended by a time."""
         self._waiting = [seen for seen in self._waiting if seen.end > time]
 
     def watched(self) -> list[Watched]:
-        """Return the lines, and what they have seen so far."""
+        """Return the lines with their observations so far."""
         found = []
         for seen in self.lines:
             assert isinstance(seen.what, Line)
-            stayed, told = seen.ready(self._ensemble.n)
-            found.append(Watched(seen.what, stayed.to_numpy(), told.to_numpy()))
+            stayed, when = seen.ready(self._ensemble.n)
+            found.append(Watched(seen.what, stayed.to_numpy(), when.to_numpy()))
         return found
 
     def stops(self, after: int, until: int, step: Step | None = None) -> set[int]:
-        """Return the times in (after, until] at which one of them begins or is over [s after
-        start].
+        """Return the times in (after, until] at which a sensor begins or ends [s after start].
 
-        step: that reaches from one to the other; between its straight pieces ways are tied down
-        where one looks on.
+        step: the step between the two times. While a sensor is active, positions are also fixed at
+        the ends of the straight pieces of the step.
         """
         times = {time for seen in self._waiting for time in (seen.begin, seen.end)}
         if step is not None and self.looking(until):
@@ -155,59 +157,64 @@ class Observers:
         return {time for time in times if after < time <= until}
 
     def looking(self, until: int) -> bool:
-        """Return whether one of them looks on before a time."""
+        """Return whether a sensor is active before a time."""
         return bool(self.lines) or any(seen.begin < until for seen in self._waiting)
 
     def moved(self, begin: Begin | None) -> None:
-        """Take note of where the particles began the step that has just been made."""
+        """Store where the particles began the step just made."""
         self._begin = begin
 
     def before(self, step: Step) -> None:
-        """Remember where a step begins, if one of them looks on in it."""
-        self._step, self._known, self._cuts = step, None, 0
+        """Store the positions at the start of a step, if a sensor is active in it."""
+        self._step, self._last_positions, self._cuts = step, None, 0
         end = step.elapsed + step.duration
         if self.looking(end):
             # Nothing moves before the run begins, though its first step may.
-            self._known = max(step.elapsed, 0), self._now()
+            self._last_positions = max(step.elapsed, 0), self._now()
 
     def _now(self) -> Places:
         return runtime.copy(self._ensemble.lon), runtime.copy(self._ensemble.lat)
 
     def cut(self, time: int, place: PositionsAt) -> None:
-        """See what has happened until a time at which it is asked where particles are: from there
-        their ways go on.
-        """
-        if self._known is None or time <= self._known[0]:
+        """Observe until a time at which positions are computed, and continue from there."""
+        if self._last_positions is None or time <= self._last_positions[0]:
             return
         lon, lat = place(self._ensemble, self._scene, None, time)
         places = runtime.upload(lon.astype(np.int32)), runtime.upload(lat.astype(np.int32))
-        self._see(time, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._open(time)])
-        self._known, self._cuts = (time, places), self._cuts + 1
+        self._observe(
+            time, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._active(time)]
+        )
+        self._last_positions, self._cuts = (time, places), self._cuts + 1
 
     def watch(self, until: int) -> None:
-        """See what happens until the end of the step that has just been made."""
-        if self._known is not None and until > self._known[0]:
+        """Observe until the end of the step just made."""
+        if self._last_positions is not None and until > self._last_positions[0]:
             places = self._ensemble.lon, self._ensemble.lat
-            self._see(
-                until, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._open(until)]
+            self._observe(
+                until,
+                places,
+                [(seen, seen.ready(self._ensemble.n)) for seen in self._active(until)],
             )
-        self._known = None
+        self._last_positions = None
 
-    def _open(self, until: int) -> list[Observer]:
-        """Return those that look on from when places were last known until a time."""
-        assert self._known is not None
+    def _active(self, until: int) -> list[Observer]:
+        """Return the sensors that are active from the last known positions until a time."""
+        assert self._last_positions is not None
         return [
             seen
             for seen in (*self._waiting, *self.lines)
-            if seen.begin <= self._known[0] and until <= seen.end
+            if seen.begin <= self._last_positions[0] and until <= seen.end
         ]
 
-    def _see(self, until: int, places: Places, every: list[tuple[Observer, list[Device]]]) -> None:
+    def _observe(
+        self, until: int, places: Places, every: list[tuple[Observer, list[Device]]]
+    ) -> None:
+        """Update columns of sensors from the last known positions until a time."""
         assert self._step is not None
-        assert self._known is not None
-        since, before = self._known
+        assert self._last_positions is not None
+        since, before = self._last_positions
         window = Window(self._step.number, self._cuts, since, until - since)
-        # what drifts walks about its way as its diffusivity has it
+        # drifting particles diffuse about their track
         k = math.sqrt(2 * self._spec.errors.diffusivity)
         for paths in self._paths(before, places, window):
             for seen, columns in every:
@@ -225,7 +232,10 @@ class Observers:
                 )
 
     def _paths(self, before: Places, after: Places, window: Window) -> Iterator[Paths]:
-        """Yield the paths of what steers in the step, then of what drifts in a part of it."""
+        """Yield the paths of steering targets over the step, then those of drifting particles.
+
+        The paths of drifting particles cover the window alone.
+        """
         assert self._step is not None
         helm, e, scenarios = self._scene.helm(self._ensemble), self._ensemble, self._spec.scenarios
         if helm and self._begin and self._begin.helm:
@@ -235,15 +245,16 @@ class Observers:
         drifts = e.batch(
             [number for number, own in enumerate(scenarios) if own.model in own.models]
         )
-        if drifts.last > drifts.first:  # where all steer, its kernel need not be compiled
+        if drifts.last > drifts.first:  # saves compiling the kernel if all scenarios steer
             begun = self._adrift_from(window.since, before)
             yield pieces.straight(
                 e, drifts, begun, after, window.since, window.lasting, window.step
             )
 
     def _adrift_from(self, since: int, places: Places) -> Places:
-        """Return where each particle's drift begins: where it was, or where it went adrift since
-        [s].
+        """Return where each particle's drift begins: at `places`, or where it went adrift later.
+
+        since: time of `places` [s after start].
         """
         if self._begin is None or self._begin.helm is None:
             return places
@@ -256,16 +267,15 @@ class Observers:
         return runtime.upload(lon), runtime.upload(lat)
 
     def over(self, time: int) -> list[Observer]:
-        """Return those that are over at a time, for the last time."""
+        """Remove and return the sensors that end at a time."""
         over = [seen for seen in self._waiting if seen.end == time]
         self._waiting = [seen for seen in self._waiting if seen.end != time]
         return over
 
     def so_far(self, time: int) -> Array | None:
-        """Return the log likelihood (n,) of what those that are not over have said until a time;
-        None: nothing.
+        """Return the log likelihood (n,) of the reports of active sensors until a time; None: none.
 
-        At a time within a step it is what they have said until they last saw where particles are.
+        Within a step, it covers the time until positions were last known.
         """
         total: Array | None = None
         looking = [seen for seen in self._waiting if seen.begin < time]
@@ -274,20 +284,20 @@ class Observers:
             columns = seen.columns
             if (
                 at_end
-                and self._known is not None
-                and time > self._known[0]
-                and seen in self._open(time)
+                and self._last_positions is not None
+                and time > self._last_positions[0]
+                and seen in self._active(time)
             ):
                 columns = [runtime.copy(column) for column in seen.ready(self._ensemble.n)]
-                self._see(time, (self._ensemble.lon, self._ensemble.lat), [(seen, columns)])
+                self._observe(time, (self._ensemble.lon, self._ensemble.lat), [(seen, columns)])
             likelihood = seen.likelihood(columns, over=False) if columns else None
             if likelihood is not None:
                 total = likelihood if total is None else total + likelihood
         return total
 
 
-def observer(what: Presence | Barrier | Line, spec: EnsembleSpec) -> Observer:
-    """Return a sensor made ready for a run."""
+def create_observer(what: Presence | Barrier | Line, spec: EnsembleSpec) -> Observer:
+    """Return the observer of a sensor, set up for a run."""
     if isinstance(what, Line):
         return Observer(what, 0, FOR_EVER, sensor_shape.of_line(what.points), observe.WHEN)
     begin, end = spec.period.elapsed(what.start), spec.period.elapsed(what.end)

@@ -1,13 +1,12 @@
-"""What is overdue: a target that was to have come into port by a time, and has not.
+"""Evidence from an overdue target: it was due in port by a time, and has not arrived.
 
-Those that are in port by then are not what is looked for: one would know. That is evidence as any
-other: it makes a distress on the way likelier, and slow passages too. It holds on: whenever
-something is searched or seen later, and as a plan begins, those that have come in since are known
-to be no longer missing.
+Particles in port by then are ruled out, since an arrival would be known. This makes a distress on
+the way, and slow passages, more likely. The evidence continues: whenever something is searched or
+observed later, and when a plan begins, particles that have arrived since are ruled out too.
 
-In port is who has arrived by its own dead reckoning, and lies within a radius of its last way
-point. Whom the current has set farther off, or who kept farther off its way, would not be there: it
-goes on as what it is.
+A particle is in port if it has arrived by its own dead reckoning and lies within a radius of its
+last way point. A particle that the current has set farther off, or that kept farther off its track,
+would not be in port and goes on unchanged.
 """
 
 from collections.abc import Sequence
@@ -23,10 +22,8 @@ from geo import notation, sphere
 from geo.array import Array
 
 
-def begins(spec: EnsembleSpec) -> list[int]:
-    """Return the times [s after the run's start] at which scenarios are known to be overdue,
-    ascending.
-    """
+def overdue_deadlines(spec: EnsembleSpec) -> list[int]:
+    """Return the times when scenarios become overdue, ascending [s after the run's start]."""
     known = {
         s.itinerary.overdue
         for s in spec.scenarios
@@ -35,31 +32,31 @@ def begins(spec: EnsembleSpec) -> list[int]:
     return sorted(spec.period.elapsed(time) for time in known)
 
 
-def times(spec: EnsembleSpec, known: Sequence[int]) -> list[int]:
-    """Return all times at which it tells something; known [s after the run's start]: when else
-    anything was known.
+def overdue_update_times(spec: EnsembleSpec, known: Sequence[int]) -> list[int]:
+    """Return all times at which being overdue is evidence [s after the run's start].
+
+    known: times of all other evidence [s after the run's start].
     """
-    first = begins(spec)
+    first = overdue_deadlines(spec)
     return sorted({*first, *(time for time in known if first and time > first[0])})
 
 
-def name(spec: EnsembleSpec, time: int) -> str:
-    """Return what the evidence of a time [s after the run's start] is called."""
-    return f"overdue {notation.group(spec.period.time(time))}"
+def overdue_update_name(spec: EnsembleSpec, time: int) -> str:
+    """Return the name of the overdue update at a time [s after the run's start]."""
+    return f"overdue {notation.format_dtg(spec.period.time(time))}"
 
 
 def log_likelihood(spec: EnsembleSpec, time: int, ensemble: Ensemble) -> Array:
-    """Return the log likelihood (n,) of not being in port at a time: -inf of what is, 0 of all
-    else.
-    """
+    """Return the log likelihood (n,) of not being in port at a time: -inf in port, else 0."""
     when = spec.period.time(time)
     there = in_port(spec, ensemble, life.read_lives(ensemble).at(time), when)
     return np.where(there, -np.inf, 0.0)
 
 
 def in_port(spec: EnsembleSpec, ensemble: Ensemble, status: Array, when: np.datetime64) -> Array:
-    """Return which particles are in port and would be known to be, bool (n,); status: of each at
-    that time.
+    """Return which particles are known to be in port at a time, bool (n,).
+
+    status: of each particle at that time.
     """
     there = np.zeros(len(status), bool)
     for k, scenario in enumerate(spec.scenarios):
@@ -67,15 +64,15 @@ def in_port(spec: EnsembleSpec, ensemble: Ensemble, status: Array, when: np.date
         if own is None or own.overdue is None or own.overdue > when:
             continue
         mine = np.flatnonzero((status == Status.ARRIVED) & (ensemble.scenario.to_numpy() == k))
-        there[mine] = _off(own, ensemble, mine) <= own.arrival_radius
+        there[mine] = _distance_from_end(own, ensemble, mine) <= own.arrival_radius
     return there
 
 
-def _off(own: Itinerary, ensemble: Ensemble, index: Array) -> Array:
-    """Return how far [m] particles that have arrived lie from their last way point.
+def _distance_from_end(own: Itinerary, ensemble: Ensemble, index: Array) -> Array:
+    """Return the distance [m] of arrived particles from their last way point.
 
-    That is the one that each has drawn. On a voyage it is the middle of its way, off which it has
-    kept; on lanes any place across them.
+    The way point is the one that each particle has drawn. On a voyage it is the middle of the
+    track, without the particle's own offset; on lanes it is any place across them.
     """
     lon, lat, set_lon, set_lat = (
         ensemble.columns[key].to_numpy()[index] for key in ("lon", "lat", "set_lon", "set_lat")

@@ -1,10 +1,8 @@
 """Search patterns: the legs that a unit flies and the area that they cover.
 
-They follow the IAMSAR Manual, Vol. II, chapter 5.
-
-Points are laid out in the tangent plane of the pattern's centre or datum and wrapped onto the
-sphere along great circles; legs between them are great circles. Legs have constant speed; turns
-take no time.
+They follow the IAMSAR Manual, Vol. II, chapter 5. Points are laid out in the tangent plane of the
+pattern's centre or datum, and placed on the sphere along great circles; legs between them are great
+circles. Legs have constant speed; turns take no time.
 """
 
 import math
@@ -15,7 +13,7 @@ import numpy.typing as npt
 
 from geo import sphere
 from geo.array import Array
-from geo.polyline import Area, Legs, LonLat, fly, unwrap
+from geo.polyline import Area, Legs, LonLat, legs_at_speed, unwrap
 
 MOST_LEGS = 10_000  # most legs of a pattern
 ROUND = 36  # corners of a circle's outline
@@ -32,9 +30,16 @@ class Pattern:
 def points_along(
     centre: LonLat, orientation: float, along: npt.ArrayLike, across: npt.ArrayLike
 ) -> tuple[Array, Array]:
-    """Return (lon, lat) [deg] of points [m] along an orientation [rad] and across it, to its right.
+    """Return (lon, lat) [deg] of points given along and across an orientation.
 
-    Longitudes run on without a jump.
+    Args:
+        centre: origin of the points (lon, lat) [deg].
+        orientation: clockwise from north [rad].
+        along: distances along the orientation [m].
+        across: distances to the right of it [m].
+
+    Returns:
+        Longitudes, without a jump, and latitudes [deg].
     """
     along, across = np.asarray(along, np.float64), np.asarray(across, np.float64)
     sin, cos = math.sin(orientation), math.cos(orientation)
@@ -73,13 +78,26 @@ def parallel(
     speed: float,
     corner: tuple[int, int] = (-1, -1),
 ) -> Pattern:
-    """Return a parallel sweep (PS): legs along the length, which creep across it.
+    """Return a parallel sweep (PS): legs along the length, advancing across it.
 
-    There are as many legs as fit the width, n = max(1, floor(width / spacing + 1/2)). They lie
-    exactly one spacing apart and centred in it, so that the outer ones lie half a spacing inside
-    where the width is a whole number of spacings. Legs end half a spacing inside too, and the cross
-    legs between them are searched. corner: (along, across), each -1 or 1, of the rectangle, nearest
-    to which the search commences; (-1, -1) is astern and to the left of the orientation.
+    The number of legs is n = max(1, floor(width / spacing + 1/2)). Legs lie exactly one spacing
+    apart and are centred in the width. So the outer legs lie half a spacing inside if the width is
+    a whole number of spacings. Legs also end half a spacing inside, and the cross legs between them
+    are searched.
+
+    Args:
+        centre: of the rectangle (lon, lat) [deg].
+        length: along the orientation [m].
+        width: across it [m].
+        orientation: clockwise from north [rad].
+        spacing: between legs [m].
+        start: time of the commence search point [s since 1970].
+        speed: of the unit [m/s].
+        corner: (along, across), each -1 or 1: the corner where the search commences. (-1, -1) is
+            astern and to the left of the orientation.
+
+    Raises:
+        ValueError: the spacing gives more than MOST_LEGS legs, or legs of no length.
     """
     number = leg_count(width, spacing)
     if number > MOST_LEGS:
@@ -96,7 +114,9 @@ def parallel(
     points = points_along(
         centre, orientation, np.column_stack([ends, -ends]).ravel(), np.repeat(across, 2)
     )
-    return Pattern(fly(*points, start, speed), rectangle(centre, length, width, orientation))
+    return Pattern(
+        legs_at_speed(*points, start, speed), rectangle(centre, length, width, orientation)
+    )
 
 
 def creeping(
@@ -109,11 +129,11 @@ def creeping(
     speed: float,
     corner: tuple[int, int] = (-1, -1),
 ) -> Pattern:
-    """Return a creeping line search (CS): legs across the length, which creep along it; see
-    `parallel`.
+    """Return a creeping line search (CS): legs across the length, advancing along it.
+
+    The arguments are those of `parallel`.
     """
-    # A quarter turn to the right: what was to the right is now ahead, and what was ahead is to the
-    # left.
+    # After a quarter turn to the right, right becomes ahead, and ahead becomes left.
     turned = (corner[1], -corner[0])
     swept = parallel(
         centre, width, length, orientation + math.pi / 2, spacing, start, speed, turned
@@ -122,7 +142,7 @@ def creeping(
 
 
 def leg_count(width: float, spacing: float) -> int:
-    """Return how many legs of a spacing [m] a width [m] takes."""
+    """Return the number of legs of a spacing [m] that fit a width [m]."""
     return max(1, math.floor(width / spacing + 0.5))
 
 
@@ -139,7 +159,7 @@ def square(
     course = np.arange(legs) % 4
     along = np.concatenate([[0.0], np.cumsum(reach * np.array([1, 0, -1, 0])[course])])
     across = np.concatenate([[0.0], np.cumsum(reach * np.array([0, 1, 0, -1])[course])])
-    # Legs lie a spacing apart: the half spacing on each side leaves no holes, but for rounding.
+    # Half a spacing on each side covers the area without holes; 0.5001 allows for rounding.
     swept = shapely.LineString(np.column_stack([along, across])).buffer(
         0.5001 * spacing, cap_style="square", join_style="mitre"
     )
@@ -147,12 +167,13 @@ def square(
         datum, orientation, *np.array(swept.exterior.simplify(1e-3 * spacing).coords)[:-1].T
     )
     return Pattern(
-        fly(*points_along(datum, orientation, along, across), start, speed), _area(*outline)
+        legs_at_speed(*points_along(datum, orientation, along, across), start, speed),
+        _area(*outline),
     )
 
 
 def square_legs(spacing: float, distance: float) -> int:
-    """Return how many legs of an expanding square are begun within a distance [m]."""
+    """Return the number of legs of an expanding square begun within a distance [m]."""
     # n legs are S (1 + 1 + 2 + 2 + ...) = S ceil(n/2) (floor(n/2) + 1) long.
     number = max(1, math.ceil(2 * math.sqrt(max(distance, 0.0) / spacing)) - 2)
     while spacing * -(-number // 2) * (number // 2 + 1) < distance * (1 - 1e-12):
@@ -165,9 +186,9 @@ def sector(
 ) -> Pattern:
     """Return a sector search (VS) of 1 to 6 sectors through the datum.
 
-    A sector is an equilateral triangle: out along a radius, across by a chord and back, all turns
-    120 deg to starboard, then straight on over the datum into the next. Three sectors are a search;
-    the fourth to sixth are a second one, turned by 30 deg.
+    A sector is an equilateral triangle: out along a radius, across by a chord and back. All turns
+    are 120 deg to starboard; the unit flies straight on over the datum into the next sector. Three
+    sectors are a complete search; the fourth to sixth are a second search, turned by 30 deg.
     """
     along, across = [0.0], [0.0]
     for number in range(sectors):
@@ -180,27 +201,29 @@ def sector(
     turn = np.arange(ROUND) * (2 * math.pi / ROUND)
     outline = points_along(datum, orientation, radius * np.cos(turn), radius * np.sin(turn))
     return Pattern(
-        fly(*points_along(datum, orientation, along, across), start, speed), _area(*outline)
+        legs_at_speed(*points_along(datum, orientation, along, across), start, speed),
+        _area(*outline),
     )
 
 
 def trackline(
     waypoints: list[LonLat], offset: float, back: bool, start: float, speed: float
 ) -> Pattern:
-    """Return a trackline search (TS): along a route `offset` [m] to its right, and `back` on its
-    other side.
+    """Return a trackline search (TS) along a route, `offset` [m] to its right.
+
+    back: whether the unit returns on the other side of the route.
     """
     lon, lat = _beside(waypoints, offset)
     if back:
         home = _beside(waypoints[::-1], offset)
         lon, lat = np.concatenate([lon, home[0]]), np.concatenate([lat, home[1]])
-    return Pattern(fly(lon, lat, start, speed), None)
+    return Pattern(legs_at_speed(lon, lat, start, speed), None)
 
 
 def _beside(route: list[LonLat], offset: float) -> tuple[Array, Array]:
     """Return a route [deg] displaced to its right by a distance [m].
 
-    Corners are mitred at turns up to 90 deg, and flown round at sharper ones.
+    Corners are mitred at turns up to 90 deg, and doubled at sharper ones.
     """
     lon, lat = np.radians(np.array(route)).T
     if offset == 0:

@@ -1,9 +1,8 @@
-"""Records of a search: what was looked for where and how, what was seen, what sensors said, what
-can be sent next.
+"""Records of a search: sorties, contacts, sensors, and search units to plan for.
 
-The engine takes these. All is SI and UTC; positions are degrees, their longitudes running on along
-one shape. What depends on the object that is looked for has one entry per scenario, in the order of
-the case.
+The engine takes these. All values are SI and UTC. Positions are in degrees; longitudes along one
+shape run on without a jump. Values that depend on the search object have one entry per scenario, in
+the order of the case.
 """
 
 import math
@@ -22,116 +21,116 @@ Kind = Literal["sortie", "contact", "look", "presence", "barrier", "overdue"]
 
 @dataclass(frozen=True)
 class Law:
-    """How likely a sweep detects what it passes (Koopman 1980, Search and Screening;
-    docs/searches.md).
+    """A detection function: the probability that a sweep detects an object that it passes.
+
+    Koopman 1980, Search and Screening; docs/searches.md.
     """
 
     kind: str = "inverse_cube"  # an entry of drift.evidence.filter.detection.laws.LAWS
-    beta: float = 1.0  # m_beta: chance of detection within M = W / (2 beta)
+    beta: float = 1.0  # m_beta: probability of detection within M = W / (2 beta)
     ranges: tuple[float, ...] = ()  # lateral ranges of a curve [m], ascending from 0
-    chances: tuple[float, ...] = ()  # chances of detection there; straight in between, none beyond
+    chances: tuple[float, ...] = ()  # POD there; linear in between, 0 beyond
 
 
 @dataclass(frozen=True)
 class Watch:
-    """A sensor that sees in zones of range: radar, or passive sonar with convergence zones.
+    """A sensor that detects in zones of range: radar, or passive sonar with convergence zones.
 
-    An object that stays in a zone for the whole watch is detected with its chance; time adds up as
-    a constant hazard.
+    An object that stays in a zone for the whole watch is detected with the POD of the zone. The
+    hazard is constant in time.
     """
 
     inner: tuple[float, ...]  # [m]
     outer: tuple[float, ...]
-    pod: tuple[float, ...]  # chance of detection in each zone, in (0, 1]; zones do not overlap
+    pod: tuple[float, ...]  # probability of detection in each zone, in (0, 1]; without overlaps
 
 
 @dataclass(frozen=True)
 class Sortie:
-    """One search that found nothing, by an area with a coverage, by legs, or by a watch along its
-    legs.
-    """
+    """One search that found nothing: an area with a coverage, legs, or a watch along legs."""
 
     name: str
     kind: str  # kind of unit, as in the sweep width tables; "" if not given
     start: np.datetime64
     end: np.datetime64
     law: Law
-    sweep_width: tuple[float, ...]  # [m], one per scenario; 0: its object is not seen
+    sweep_width: tuple[float, ...]  # [m], one per scenario; 0: its object cannot be detected
     # shape of the gamma distribution (mean 1) of the unknown factor of W; inf: W is known
     shape: float = math.inf
     group: str = ""  # sorties of one group share that factor
     # the area that it searched; with legs, the area that counts as searched
     area: Area | None = None
-    coverage: tuple[float, ...] = ()  # C = W v t / A, one per scenario; of an area without legs
-    legs: Legs | None = None  # tracks made good; of a watch, where its sensor was
+    coverage: tuple[float, ...] = ()  # C = W v t / A, one per scenario; only of areas without legs
+    legs: Legs | None = None  # tracks made good; of a watch, the track of its sensor
     watch: Watch | None = None
-    sensor: Sensor | None = None  # with which it watches, in place of zones
+    sensor: Sensor | None = None  # a sensor of the case that watches, instead of zones
     # numbers of the beams of its array that were processed, from 0; (): all
     beams: tuple[int, ...] = ()
-    completed: float = 1.0  # share of the effort that was spent; legs are already cut
-    ashore: bool = True  # whether it sees what lies ashore or has run aground
+    completed: float = 1.0  # share of the planned effort; legs are already cut
+    ashore: bool = True  # whether it can detect stranded and grounded particles
     frame: Literal["ground", "datum"] = "ground"  # "datum": area and legs drift with a marker
-    # track of the marker, if known; else it drifts with the water from `datum`
+    # track of the marker, if known; else the marker drifts with the water from `datum`
     marker: Legs | None = None
     datum: tuple[float, float] | None = None  # (lon, lat) [deg] where a drifting frame begins
     # Only action plans and legends use these.
     speed: float = math.nan  # [m/s]
     altitude: float = math.nan  # [m]
     spacing: float = math.nan  # [m]
-    # [m], one per scenario, while it is under way; (): nothing steers
+    # [m], one per scenario, of objects under way; (): no scenario steers
     width_under_way: tuple[float, ...] = ()
-    coverage_under_way: tuple[float, ...] = ()  # as coverage, while it is under way
-    planned: bool = False  # it is still to be flown
+    coverage_under_way: tuple[float, ...] = ()  # as `coverage`, of objects under way
+    planned: bool = False  # whether it is planned, not yet flown
     # whether every other leg, from the second on, is a cross leg, which crews do not count
     crossed: bool = False
 
     @property
     def watches(self) -> bool:
-        """Whether it is a watch: it sees by range or place, and not by sweeping."""
+        """Whether it is a watch: it detects by range or position, not by sweeping."""
         return self.watch is not None or self.sensor is not None
 
     @property
     def status(self) -> str:
-        """Whether it has been flown, in a word."""
+        """The word "planned" or "flown"."""
         return "planned" if self.planned else "flown"
 
     @property
     def search_legs(self) -> int:
-        """Number of its legs as crews count them: those that search, without cross legs."""
+        """Number of its search legs as crews count them, without cross legs."""
         return 0 if self.legs is None else sum(self.legs.searching[:: 1 + self.crossed])
 
 
 @dataclass(frozen=True)
 class Fix:
-    """A position that a contact may be at."""
+    """A possible position of a contact."""
 
     lon: float  # [deg]
     lat: float
-    share: float = 1.0  # share of the contact's probability, for positions A and B of a beacon
+    share: float = 1.0  # share of the probability, for positions A and B of a beacon
 
 
 @dataclass(frozen=True)
 class Tone:
-    """A frequency that a sensor received, shifted by the motion of source and sensor (Doppler)."""
+    """A frequency that a sensor received, with the Doppler shift by source and sensor."""
 
-    value: float  # [Hz] as it was received
-    std: float  # [Hz] of its error
-    source: float  # [Hz] as it was sent
-    source_std: float = 0.0  # [Hz] of what is not known of that
+    value: float  # [Hz] received
+    std: float  # [Hz] standard deviation of the measurement
+    source: float  # [Hz] sent
+    source_std: float = 0.0  # [Hz] standard deviation of the source frequency
     sound_speed: float = 1500.0  # [m/s]
-    group: str = ""  # contacts of one group heard the same source; "": none other did
+    group: str = ""  # contacts of one group heard the same source; "": no other contact did
 
 
 @dataclass(frozen=True)
 class Heard:
-    """What a sensor of the case told of a contact besides its bearing or range; its chance of
-    detection is the sensor's.
+    """What a sensor of the case measured of a contact besides its bearing or range.
+
+    The probability of detection is that of the sensor.
     """
 
     sensor: Sensor
     beams: tuple[int, ...] = ()  # of its array that were processed, from 0; (): all
     heading: float = 0.0  # [rad] true, of its array
-    # whether the bearing may as well be its image on the other side of the array
+    # whether the mirror image of the bearing, on the other side of the array, is as likely
     mirrored: bool = False
     # received level, and the standard deviation of its error [dB]
     level: tuple[float, float] | None = None
@@ -141,7 +140,7 @@ class Heard:
 
 @dataclass(frozen=True)
 class Contact:
-    """Something seen, which gives a likelihood of where the object was.
+    """A sighting or detection, which gives a likelihood of the object's position.
 
     It is by fixes, a bearing, a range or an area.
     """
@@ -149,8 +148,8 @@ class Contact:
     name: str
     time: np.datetime64
     kind: str  # an entry of drift.evidence.filter.contacts.LIKELIHOODS
-    # With N the density of what was seen, the likelihood is belief N / E[N] + 1 - belief, or N +
-    # false_density.
+    # With N the density of the observation, the likelihood is belief N / E[N] + 1 - belief, or
+    # N + false_density.
     belief: float = 1.0  # probability that it is of the object
     # density of false contacts [1/m2] (range: [1/m], bearing: [1/rad]); belief is then 1
     false_density: float = 0.0
@@ -170,27 +169,27 @@ class Contact:
     range_std: float = 0.0
     near: float = 0.0  # [m]; the object of a bearing is between near and far
     far: float = math.inf
-    zones: Watch | None = None  # chance of detection by range; None: the same at all ranges
-    # by which sensor of the case, whose chance of detection counts in place of zones
+    zones: Watch | None = None  # probability of detection by range; None: the same at all ranges
+    # measurement by a sensor of the case, whose probability of detection replaces `zones`
     heard: Heard | None = None
     area: Area | None = None
-    drifter: Drifter | None = None  # how it drifts, if it is debris; None: it is the object itself
+    drifter: Drifter | None = None  # leeway class of debris; None: the contact is the object itself
     # whether particles may be guided toward it, if it is debris: drift.evidence.filter.debris.guide
     guide: bool = True
-    course: float = 0.0  # [rad] over ground, clockwise from north, with which it was seen to move
-    course_std: float = 0.0  # 0: no course was seen
+    course: float = 0.0  # [rad] observed course over ground, clockwise from north
+    course_std: float = 0.0  # 0: no course was observed
     speed: float = 0.0  # [m/s] over ground
-    speed_std: float = 0.0  # 0: no speed was seen
+    speed_std: float = 0.0  # 0: no speed was observed
 
     @property
     def moves(self) -> bool:
-        """Whether its course or speed was seen."""
+        """Whether its course or speed was observed."""
         return self.course_std > 0 or self.speed_std > 0
 
 
 @dataclass(frozen=True)
 class Field:
-    """A box or a circle about a place, in the tangent plane of that place."""
+    """A box or a circle about a position, in the tangent plane there."""
 
     lon: float  # [deg]
     lat: float
@@ -202,26 +201,27 @@ class Field:
 
 @dataclass(frozen=True)
 class Sight:
-    """How likely a look sees what lies at a distance, in units of the field's half size: 1 is its
-    edge.
+    """The probability of detection of a look by distance, in units of the field's half size.
+
+    A distance of 1 is the edge of the field.
     """
 
     kind: str = "cookie_cutter"  # an entry of drift.evidence.filter.detection.looks.SIGHTS
     number: float = 1.0  # alpha of linear, beta of exponential
     distances: tuple[float, ...] = ()  # of a table, ascending from 0
-    chances: tuple[float, ...] = ()  # of detection there; straight in between, none beyond
+    chances: tuple[float, ...] = ()  # POD there; linear in between, 0 beyond
 
 
 @dataclass(frozen=True)
 class Look:
-    """A look at a field, or round a sensor, at one time, which saw something or nothing."""
+    """A look at a field, or around a sensor, at one time, with or without a detection."""
 
     name: str
     time: np.datetime64
-    field: Field | None  # None: a sensor says how it sees
+    field: Field | None  # None: `sensor` determines the probability of detection
     positive: bool
     sight: Sight = Sight()
-    false_alarms: float = 0.0  # probability of seeing something where there is nothing
+    false_alarms: float = 0.0  # probability of a detection without an object
     sensor: Sensor | None = None
     beams: tuple[int, ...] = ()  # of its array that were processed, from 0; (): all
     place: tuple[float, float] | None = None  # (lon, lat) [deg] of the sensor
@@ -230,20 +230,20 @@ class Look:
 
 @dataclass(frozen=True)
 class Presence:
-    """A field that was listened in from one time to another, and what it said."""
+    """A field that a sensor monitored for some time, and its report."""
 
     name: str
     start: np.datetime64
     end: np.datetime64
     field: Field
-    present: Literal["throughout", "sometime", "never"]  # that the object was in the field
-    detection: float = 1.0  # probability that it says so where it is so
-    false_alarms: float = 0.0  # probability that it says so all the same
+    present: Literal["throughout", "sometime", "never"]  # reported presence of the object
+    detection: float = 1.0  # probability of reporting a true presence
+    false_alarms: float = 0.0  # probability of reporting a presence otherwise
 
 
 @dataclass(frozen=True)
 class Barrier:
-    """A line manned from one time to another, which detects an object that touches it at most once."""
+    """A line that is watched for some time, and detects an object that touches it at most once."""
 
     name: str
     start: np.datetime64
@@ -251,14 +251,14 @@ class Barrier:
     # (lon, lat) [deg], two or more, great circles between them
     points: tuple[tuple[float, float], ...]
     detection: float
-    reported: np.datetime64 | None = None  # when it reported a crossing; None: it reported none
+    reported: np.datetime64 | None = None  # time of the reported crossing; None: no report
     error: float = 0.0  # [s] standard deviation of that time
     false_rate: float = 0.0  # of false reports [1/s]
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line whose first crossing is told; it changes no weights."""
+    """A line whose first crossing is reported; it changes no weights."""
 
     name: str
     points: tuple[tuple[float, float], ...]  # as of a barrier
@@ -266,7 +266,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Sensors:
-    """What tells of the object besides sorties and contacts, and lines whose crossing is told."""
+    """Evidence besides sorties and contacts, and lines whose crossings are reported."""
 
     looks: tuple[Look, ...] = ()  # by time
     presences: tuple[Presence, ...] = ()
@@ -275,12 +275,12 @@ class Sensors:
 
     @property
     def telling(self) -> tuple[Look | Presence | Barrier, ...]:
-        """What changes weights."""
+        """The sensors that change weights."""
         return (*self.looks, *self.presences, *self.barriers)
 
     @property
     def times(self) -> list[np.datetime64]:
-        """When anything of it begins or ends."""
+        """The times at which a sensor begins, ends or looks."""
         lasting: list[Presence | Barrier] = [*self.presences, *self.barriers]
         return [look.time for look in self.looks] + [
             time for what in lasting for time in (what.start, what.end)
@@ -310,50 +310,50 @@ class Unit:
     daylight: bool = True  # searches by daylight only
     turnaround: float = 7200.0  # [s] on the ground between sorties
     least_spacing: float = 0.0  # [m]
-    clear_of_land: float = 0.0  # [m] that a boat keeps from the shore
+    clear_of_land: float = 0.0  # [m] least distance of a boat from the shore
     draught: float = 0.0  # [m] of a boat, where depths are known
-    # [m], one per scenario, while it is under way; (): nothing steers
+    # [m], one per scenario, of objects under way; (): no scenario steers
     width_under_way: tuple[float, ...] = ()
 
     @property
     def afloat(self) -> bool:
-        """Whether it goes by sea; a unit that is not called a boat is taken to fly, over land too."""
+        """Whether it goes by sea; a unit of any other kind than "Boat" flies, over land too."""
         return self.kind == "Boat"
 
 
 @dataclass(frozen=True)
 class PlanSpec:
-    """What a plan is asked for."""
+    """The settings of a plan."""
 
     begin: np.datetime64  # nothing is flown before
     until: np.datetime64  # everything is flown by then
     objective: Literal["pos", "alive"] = "pos"
     separation: float = 0.0  # [m] between areas that are searched at the same time
-    rounds: int = 1  # sorties of each unit, each planned on the failure of those before
-    # particles on which the plan is made; it is scored on those of the case
+    rounds: int = 1  # sorties of each unit, each planned given that those before fail
+    # particles on which the plan is optimized; it is scored on those of the case
     particles: int = 40_000
-    ashore: bool = False  # whether its units look for what lies ashore too
+    ashore: bool = False  # whether its units search for stranded particles too
 
 
 @dataclass(frozen=True)
 class Resampling:
-    """When and how particles are drawn again in proportion to their weights."""
+    """When and how particles are resampled in proportion to their weights."""
 
     method: Literal["systematic", "kahn", "duplicates", "position", "course", "combined"] = (
         "systematic"
     )
-    # share of the particles; with fewer effective ones, or survivors, they are drawn again; 0:
-    # never
+    # share of the particles; with fewer effective particles, or survivors, they are resampled;
+    # 0: never
     below: float = 0.0
-    across: bool = False  # whether slots may go from one scenario to another, or each keeps its own
+    across: bool = False  # whether slots may move between scenarios; else each keeps its number
     bulk: float = (
-        # share of survivors below which a contact places particles again, and silence loses the
-        # track; 0: never
+        # share of survivors below which a contact repopulates particles, and without a contact the
+        # track is lost; 0: never
         0.0
     )
-    fastest: float = 0.0  # [m/s] of what is placed again
+    fastest: float = 0.0  # [m/s] highest speed of repopulated particles
 
     @property
     def fills(self) -> bool:
-        """Whether particles are placed again at contacts."""
+        """Whether contacts repopulate particles."""
         return self.bulk > 0

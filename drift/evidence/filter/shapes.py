@@ -1,9 +1,8 @@
-"""Where a search went, as shapes over the ground: areas, legs as flown, and where a contact may
-have been.
+"""Shapes over the ground: searched areas, legs as flown, and possible positions of a contact.
 
-Shapes are arrays (n, 2) of lon, lat [deg], longitudes running on without a jump; edges follow great
-circles. What drifts with a marker is moved with it, where the marker's track is known. No area may
-hold a pole.
+Shapes are arrays (n, 2) of lon, lat [deg] whose longitudes run on without a jump; edges follow
+great circles. Shapes that drift with a marker move with it if the marker's track is known. No area
+may contain a pole.
 """
 
 import math
@@ -28,7 +27,7 @@ NEAR_ALL = 0.95  # share of a contact's error that its shape holds
 IN_PLANE = math.sqrt(-2 * math.log(1 - NEAR_ALL))  # standard deviations: Rayleigh's quantile
 ON_LINE = 1.959964  # normal's two-sided quantile
 FARTHEST = 100 * 1852.0  # [m] to which a bearing without a far end is drawn
-MARK = 2000.0  # [m] radius of the circle that stands for a sensor
+MARK = 2000.0  # [m] radius of the circle that represents a sensor
 
 
 def epoch(time: np.datetime64) -> float:
@@ -37,7 +36,7 @@ def epoch(time: np.datetime64) -> float:
 
 
 def curve(lon: Sequence[float] | Array, lat: Sequence[float] | Array) -> Array:
-    """Return points along great circles from vertex to vertex [deg], at most LONGEST apart, (n, 2)."""
+    """Return points along great circles between vertices [deg], at most LONGEST apart, (n, 2)."""
     x, y = sphere.track(np.radians(lon), np.radians(lat), LONGEST)
     return np.column_stack([np.degrees(np.unwrap(x)), np.degrees(y)])
 
@@ -51,8 +50,17 @@ def outline(area: Area) -> Array:
 def circle(
     lon: float, lat: float, radius: float, begin: float = 0.0, end: float = 2 * math.pi
 ) -> Array:
-    """Return a circle of a radius [m] round a point [deg], (n, 2), or an arc of it [rad clockwise
-    from north].
+    """Return a circle about a point, or an arc of it.
+
+    Args:
+        lon: longitude of the centre [deg].
+        lat: latitude of the centre [deg].
+        radius: of the circle [m].
+        begin: bearing at which the arc begins, clockwise from north [rad].
+        end: bearing at which it ends [rad].
+
+    Returns:
+        Points (lon, lat) [deg], shape (n, 2).
     """
     angle = np.linspace(begin, end, max(int(abs(end - begin) / 0.05), 2) + 1)
     return _about(lon, lat, radius * np.sin(angle), radius * np.cos(angle))
@@ -64,9 +72,9 @@ def _about(lon: float, lat: float, east: Array, north: Array) -> Array:
 
 
 def searched(sortie: Sortie, time: np.datetime64 | None = None) -> Array | None:
-    """Return the closed outline of a sortie's area at a time, (n, 2); None if it has none.
+    """Return the closed outline of a sortie's area at a time, (n, 2); None if it has no area.
 
-    The time is by default its start.
+    time: by default the start of the sortie.
     """
     if sortie.area is None:
         return None
@@ -83,11 +91,15 @@ def searched(sortie: Sortie, time: np.datetime64 | None = None) -> Array | None:
 
 
 def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool, Array]]:
-    """Return a sortie's legs over the ground as lines: whether each searches, and its points (n,
-    2).
+    """Return a sortie's legs over the ground as lines.
 
-    until: the time to which they are drawn, by default the sortie's end. Neighbouring legs of one
-    sort are one line.
+    Args:
+        sortie: with or without legs.
+        until: time to which the legs are drawn, by default the sortie's end.
+
+    Returns:
+        Whether the line searches, and its points (lon, lat) [deg], shape (n, 2). Adjacent legs of
+            the same kind are one line.
     """
     if sortie.legs is None:
         return []
@@ -95,7 +107,7 @@ def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool
     if until is not None:
         if epoch(until) <= legs.time[0]:
             return []
-        legs = polyline.between(legs, legs.time[0], epoch(until))
+        legs = polyline.legs_between(legs, legs.time[0], epoch(until))
     parts: list[tuple[bool, list[int]]] = []
     for i, searching in enumerate(legs.searching):
         if not parts or parts[-1][0] != searching:
@@ -108,8 +120,9 @@ def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool
 
 
 def position_on_legs(legs: Legs, time: float) -> tuple[float, float]:
-    """Return where on legs something is at a time [s since 1970], (lon, lat) [deg]; outside their
-    time, an end.
+    """Return the position on legs (lon, lat) [deg] at a time [s since 1970].
+
+    Before or after the legs it is the nearer end.
     """
     return polyline.position_at(legs, min(max(time, legs.time[0]), legs.time[-1]))
 
@@ -124,8 +137,7 @@ def zones(sortie: Sortie, time: np.datetime64) -> list[Array]:
 
 
 def contact(seen: Contact) -> list[Shape]:
-    """Return where something seen may have been: points, and shapes that hold NEAR_ALL of its
-    error.
+    """Return the possible positions of a contact: points, and shapes for NEAR_ALL of its error.
 
     Shapes are "point" (1, 2), "region" (closed) or "line". A bearing without a far end is drawn to
     FARTHEST.
@@ -134,8 +146,9 @@ def contact(seen: Contact) -> list[Shape]:
 
 
 def sensor(what: Look | Presence | Barrier | Line) -> Array:
-    """Return the closed outline of a look's or a presence's field, or the line of a barrier, (n,
-    2).
+    """Return the closed outline of the field of a look or presence, or a line, (n, 2).
+
+    A look with a sensor of the case is a circle of radius MARK.
     """
     if isinstance(what, Barrier | Line):
         lon, lat = np.array(what.points).T
@@ -151,8 +164,8 @@ def sensor(what: Look | Presence | Barrier | Line) -> Array:
         np.array([-1, 1, 1, -1, -1]) * field.width / 2,
         np.array([-1, -1, 1, 1, -1]) * field.height / 2,
     )
-    # Sides are straight in the tangent plane of the middle: between corners they are followed
-    # there.
+    # Sides are straight in the tangent plane of the middle, so points between the corners are
+    # interpolated in that plane.
     share = np.linspace(0, 4, 4 * 16 + 1)
     x, y = np.interp(share, np.arange(5), x), np.interp(share, np.arange(5), y)
     c, s = math.cos(field.turned), math.sin(field.turned)
@@ -165,11 +178,11 @@ def _area(contact: Contact) -> list[Shape]:
 
 
 def _bearing(contact: Contact) -> list[Shape]:
-    """Return a bearing's wedge and line, and those of its image where it may be that."""
+    """Return the wedge and line of a bearing, and of its mirror image if that is possible."""
     assert contact.sensor is not None
     bearings = [contact.bearing]
     if contact.heard is not None and contact.heard.mirrored:
-        bearings.append(contacts.image(contact.bearing, contact.heard.heading))
+        bearings.append(contacts.mirrored_bearing(contact.bearing, contact.heard.heading))
     shapes: list[Shape] = [("point", np.array([contact.sensor]))]
     for bearing in bearings:
         shapes += _toward(contact, bearing)
@@ -230,15 +243,16 @@ CONTACTS: dict[str, Callable[[Contact], list[Shape]]] = {
 
 
 def polygon(rings: Sequence[Array]) -> dict[str, Any]:
-    """Return closed outlines as a GeoJSON MultiPolygon, cut at the antimeridian, outer rings
-    anticlockwise.
+    """Return closed outlines as a GeoJSON MultiPolygon, cut at the antimeridian.
+
+    Outer rings run anticlockwise.
     """
     whole = shapely.MultiPolygon([part for ring in rings for part in _valid(ring)])
     return geojson.polygons(whole)
 
 
 def _valid(ring: Array) -> list[Any]:
-    """Return the polygons of an outline, which a planner may have drawn across itself."""
+    """Return the polygons of an outline; one drawn by a planner may cross itself."""
     valid = shapely.make_valid(shapely.Polygon(ring))
     return [part for part in shapely.get_parts(valid) if part.geom_type == "Polygon"]
 
@@ -279,7 +293,7 @@ def _over_ground(sortie: Sortie) -> Legs:
 
 
 def _moved(sortie: Sortie, times: Array, lon: Array, lat: Array) -> tuple[Array, Array]:
-    """Return positions [deg] moved as the marker has moved from the datum by each time, (n,)."""
+    """Return positions [deg] shifted with the marker from the datum by each time, (n,)."""
     assert sortie.marker is not None
     assert sortie.datum is not None
     marker = np.radians([position_on_legs(sortie.marker, t) for t in times])

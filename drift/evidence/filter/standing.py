@@ -1,7 +1,7 @@
-"""How a search stands after an update: when the object went adrift, and what was never searched.
+"""The status of a search after an update: release time of the object, and unsearched share.
 
-The weights say when the object went adrift. A few numbers, made from millions of particles, are
-enough to say how likely somebody is alive at any time.
+Release times are binned by weight. A few numbers, computed from millions of particles, are enough
+for the probability of survival at any time.
 """
 
 from dataclasses import dataclass
@@ -12,32 +12,38 @@ from drift.engine.particles import partials, weights
 from drift.engine.particles.columns import Columns
 from geo.array import Array
 
-# Bins of release times, each with its own mean: those within the run (of a window of 40 h each has
-# 6 minutes), those in the month after it, of which what lies ahead is told, and what is later still
-# or never goes adrift.
+# Bins of release times, each with its own mean: WITHIN bins in the run (6 minutes each for a window
+# of 40 h), AFTER bins in the month after it, for reports about the future, and one bin for later
+# releases or none.
 WITHIN, AFTER, MONTH = 400, 99, 30 * 86_400.0
 
 
 @dataclass(frozen=True)
-class Standing:
-    """Particles by scenario and time of release, given all that was seen; S scenarios, B bins."""
+class SearchStatus:
+    """Probability by scenario and time of release, given all evidence; S scenarios, B bins."""
 
     time: np.datetime64
     release: Array  # [s after start] mean of each bin, (S, B)
     mass: Array  # probability, (S, B); adds up to 1
-    # probability of having been where no sortie searched, given each scenario, then of all; (S +
+    # probability of never having been in a searched area, given each scenario, then of all; (S +
     # 1,)
     never: Array
-    effective: float  # number of particles that count for all this
+    effective: float  # number of effective particles
 
 
-def standing(time: np.datetime64, columns: Columns, effective: float, duration: float) -> Standing:
-    """Return how a search stands by its particles' `release` times, `log_weight`, and shares
-    `never` searched, if any was.
+def search_status(
+    time: np.datetime64, columns: Columns, effective: float, duration: float
+) -> SearchStatus:
+    """Return the status of a search.
 
-    duration: of the run [s].
+    Args:
+        time: of the status.
+        columns: `release` [s after start], `log_weight`, and after any sortie `never`, the share of
+            each particle never searched.
+        effective: number of effective particles.
+        duration: of the run [s].
     """
-    unit = weights.unit(columns, "log_weight")
+    unit = weights.normalising_scale(columns, "log_weight")
     ends = [
         (float(release.min()), float(release.max(initial=0, where=release <= duration)))
         for _, release in columns.parts("release")
@@ -55,11 +61,14 @@ def standing(time: np.datetime64, columns: Columns, effective: float, duration: 
         sums.append(blocks.partial(weight, weight * release, code=bins, many=many))
         if never is not None:
             unsearched.append(blocks.partial(weight * never))
-    mass, when = np.moveaxis(partials.merged(sums).by_scenario, -1, 0)
+    mass, when = np.moveaxis(partials.merge_partials(sums).by_scenario, -1, 0)
     when = np.divide(when, mass, out=np.full_like(when, first), where=mass > 0)
     share, free = mass.sum(axis=1), np.ones(len(mass))
     if unsearched:
         np.divide(
-            partials.merged(unsearched).by_scenario[:, 0, 0], share, out=free, where=share > 0
+            partials.merge_partials(unsearched).by_scenario[:, 0, 0],
+            share,
+            out=free,
+            where=share > 0,
         )
-    return Standing(time, when, mass, np.append(free, share @ free), effective)
+    return SearchStatus(time, when, mass, np.append(free, share @ free), effective)

@@ -1,6 +1,4 @@
-"""What each sortie, contact and sensor did to the probability: the record behind tables, pictures
-and the debrief.
-"""
+"""Effects of each sortie, contact and sensor: the data behind tables, pictures and debrief."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -9,7 +7,7 @@ import numpy as np
 
 from drift.evidence.filter.crossings import Crossings
 from drift.evidence.filter.records import Kind, Sortie
-from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.standing import SearchStatus
 from drift.forecast import likeliest
 from drift.forecast.likeliest import Shown
 from geo.array import Array
@@ -17,44 +15,43 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Update:
-    """One sortie, contact or word of a sensor, when it took effect.
+    """The effect of one sortie, contact or sensor report.
 
-    Arrays, unless they say otherwise, have shape (scenarios + 1,): each scenario, then all
-    together.
+    Unless stated otherwise, arrays have shape (scenarios + 1,): each scenario, then all together.
     """
 
     name: str
     kind: Kind
     time: np.datetime64
-    # log probability (density) of the sortie's failure, or of what was told, given all before
+    # log probability (density) of the failure or report, given all earlier evidence
     log_evidence: Array
     posterior: Array  # (scenarios,) probability of each scenario afterwards
     ess_before: float
     ess_after: float
-    poc: Array | None = None  # probability that the object was where the sortie searched
-    # 1 - exp(log_evidence): probability that it would have found the object
+    poc: Array | None = None  # probability that the object was in the searched area
+    # 1 - exp(log_evidence): probability that the sortie would have found the object
     pos: Array | None = None
-    # part of pos that is of what lies ashore, or has run aground, at its end
+    # part of pos from particles that are stranded or aground at the end of the sortie
     ashore: Array | None = None
     # probability that it would have found the object alive; only with survival times
     alive: Array | None = None
     cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
-    ess_resampled: float | None = None  # after particles were drawn again, if they were
-    standing: Standing | None = None  # how the search stands then
-    # "contact": particles were placed again where it may have been; "lost": it left too few for a
-    # track; "": neither
+    ess_resampled: float | None = None  # after resampling, if there was any
+    standing: SearchStatus | None = None  # status of the search after the update
+    # "contact": particles were repopulated from the contact; "lost": too few are left for a track;
+    # "": neither
     filled: Literal["", "contact", "lost"] = ""
     # share of the original particles that still have descendants, after this update
     distinct: float = 1.0
 
     @property
     def resampled(self) -> bool:
-        """Whether particles were drawn again after it."""
+        """Whether particles were resampled after it."""
         return self.ess_resampled is not None
 
     @property
     def left(self) -> float:
-        """How many particles count from it on: copies add nothing, but what is placed again does."""
+        """Effective particles from it on: resampling adds none, but repopulation does."""
         return (
             self.ess_after
             if self.ess_resampled is None or self.filled != "contact"
@@ -63,7 +60,7 @@ class Update:
 
     @property
     def pod(self) -> Array | None:
-        """Probability of detection, given that the object was where the sortie searched: POS / POC."""
+        """Probability of detection, given that the object was in the searched area: POS / POC."""
         if self.pos is None or self.poc is None:
             return None
         return np.divide(self.pos, self.poc, out=np.zeros_like(self.pos), where=self.poc > 0)
@@ -81,26 +78,29 @@ class Updates:
 
     @property
     def log_evidence(self) -> float:
-        """Log probability (density) of everything that was seen."""
+        """Log probability (density) of all observations."""
         return float(sum(update.log_evidence[-1] for update in self.all))
 
 
-def shown_of(updates: Updates) -> Shown:
+def displayed_scenarios_of(updates: Updates) -> Shown:
     """Return which scenarios are shown: those that were the likeliest at any time."""
     return likeliest.likeliest_scenarios(
         [updates.prior, *(update.posterior for update in updates.all)]
     )
 
 
-def together(updates: Updates) -> Updates:
-    """Return the same with the likeliest scenarios and all others as one, where there are many."""
-    shown = shown_of(updates)
+def merge_unlikely_scenarios(updates: Updates) -> Updates:
+    """Return the updates with the likeliest scenarios alone and all others merged into one.
+
+    With few scenarios, the updates are unchanged.
+    """
+    shown = displayed_scenarios_of(updates)
     if not shown.rest:
         return updates
     every: list[Update] = []
     before, missed = np.asarray(updates.prior, float), np.ones(shown.size + 1)
     for update in updates.all:
-        # nothing is known of what had no weight
+        # a scenario without weight has undefined evidence
         with np.errstate(divide="ignore", invalid="ignore"):
             evidence = np.log(_with_all(shown, np.exp(update.log_evidence), before))
         poc, pos, ashore, alive = (
@@ -132,7 +132,8 @@ def together(updates: Updates) -> Updates:
 
 
 def _with_all(shown: Shown, values: Array, weight: Array) -> Array:
-    """Return means by scenario, then of all (scenarios + 1,), as those that are shown have them,
-    (size + 1,).
+    """Return values of the shown scenarios (size + 1,) from those of all (scenarios + 1,).
+
+    Merged scenarios get the mean by weight. The last value is that of all together.
     """
     return np.append(shown.means(np.nan_to_num(values[:-1]), weight), values[-1])

@@ -1,3 +1,1 @@
-"""What a search says of all that is not position: speeds, courses, times, destinations, before and
-after each update.
-"""
+"""Marginal posteriors of speeds, courses, times and destinations, before and after each update."""

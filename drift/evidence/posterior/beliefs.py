@@ -1,4 +1,4 @@
-"""Beliefs: taken down of the particles of a run before the first and after each update."""
+"""Recording of marginal posteriors of a run: before the first update and after each."""
 
 import numpy as np
 
@@ -9,16 +9,20 @@ from drift.evidence.posterior import marginal
 from drift.evidence.posterior.marginal import TURN, Marginal
 from drift.evidence.posterior.quantities import QUANTITIES, of_axis
 from drift.evidence.posterior.quantity import Quantity
-from drift.evidence.posterior.records import Posteriors, Stage, Told
+from drift.evidence.posterior.records import Posteriors, RangedQuantity, Stage
 from drift.evidence.posterior.source import Source
 
 
 class Beliefs:
-    """What is believed of the quantities of a run; `note` takes it down."""
+    """The marginal posteriors of a run; `note` records one stage."""
 
     def __init__(self, spec: EnsembleSpec, columns: Columns, source: Source) -> None:
-        """Take down the prior of particles that have just been drawn from `spec`, by their
-        `log_weight`.
+        """Record the prior of particles that have just been drawn.
+
+        Args:
+            spec: what the particles were drawn from.
+            columns: with their `log_weight`.
+            source: their quantities.
         """
         self._spec, self.source = spec, source
         self._stages: list[Stage] = []
@@ -30,24 +34,28 @@ class Beliefs:
             if quantity.by_scenario
         }
         for place, own in enumerate(
-            family.along([scenario.family for scenario in spec.scenarios]), 1
+            family.axes_of_scenarios([scenario.family for scenario in spec.scenarios]), 1
         ):
-            # else one scenario alone has any weight
+            # otherwise only one scenario has any weight
             if self._told and self._told[0].quantity.by_scenario:
                 quantity = of_axis(own.axis)
-                self._told.insert(place, Told(quantity, 0.0, 0.0, own.axis.labels))
+                self._told.insert(place, RangedQuantity(quantity, 0.0, 0.0, own.axis.labels))
                 self._own[quantity.name] = own.number
         self.note("before the first update", "prior", spec.period.start, columns)
 
     def note(self, name: str, kind: str, time: np.datetime64, columns: Columns) -> None:
-        """Take down what is believed by the `log_weight` of particles after an update;
+        """Record the marginals after an update.
 
-        `lineage`: see search.account.Noted.
+        Args:
+            name: of the update.
+            kind: of the update.
+            time: of the update.
+            columns: `log_weight` and, after resampling, `lineage`; see filter.account.Noted.
         """
         if not self._told:
             return
         own = marginal.weighted(columns)
-        told = tuple(self._marginal(told, own) for told in self._told)
+        told = tuple(self._marginal_of(told, own) for told in self._told)
         scenarios = own.total[:-1] / own.total[-1]
         self._stages.append(
             Stage(len(self._stages), name, kind, time, float(own.ess[-1]), scenarios, told)
@@ -55,7 +63,7 @@ class Beliefs:
 
     @property
     def posteriors(self) -> Posteriors | None:
-        """All that has been taken down; None: no two particles differ in any quantity."""
+        """All recorded stages; None if all particles are equal in every quantity."""
         if not self._told:
             return None
         names = tuple(scenario.name for scenario in self._spec.scenarios)
@@ -64,7 +72,7 @@ class Beliefs:
             names, self._spec.period, tuple(self._told), tuple(self._stages), families
         )
 
-    def _marginal(self, told: Told, own: marginal.Weighted) -> Marginal:
+    def _marginal_of(self, told: RangedQuantity, own: marginal.Weighted) -> Marginal:
         if told.quantity.by_scenario:
             return marginal.of_scenarios(own, self._own[told.quantity.name], len(told.labels))
         found = self.source.columns(told.quantity)
@@ -78,10 +86,10 @@ class Beliefs:
 
 def _told(
     quantity: Quantity, found: Columns | None, columns: Columns, spec: EnsembleSpec
-) -> Told | None:
-    """Return a quantity as it is in a run;
+) -> RangedQuantity | None:
+    """Return a quantity with its range in a run.
 
-    None where no two of the particles that are alive differ in it.
+    Return None if all particles with weight have the same value.
     """
     ends = []
     for _, values, holds, log_weight in (
@@ -92,4 +100,4 @@ def _told(
     if not ends or min(ends) == max(ends):
         return None
     low, high = (0.0, TURN) if quantity.kind == "circular" else (float(min(ends)), float(max(ends)))
-    return Told(quantity, low, high, quantity.labels(spec) if quantity.labels else ())
+    return RangedQuantity(quantity, low, high, quantity.labels(spec) if quantity.labels else ())

@@ -1,7 +1,7 @@
-"""What is handed out of posteriors: tables, numbers of the summary, and pictures.
+"""Output files of posteriors: tables, numbers of the summary, and pictures.
 
-It is a chapter of its own, neither the forecast's nor the search's: a run in which targets steer
-has priors to tell before anything was searched, and a forecast knows of no updates.
+They are separate from the outputs of the forecast and of the search: a run with steering targets
+has priors to report before any search, and a forecast has no updates.
 """
 
 import math
@@ -16,7 +16,7 @@ import numpy as np
 from drift.evidence.posterior import ranking, tables
 from drift.evidence.posterior.ranking import Ranking
 from drift.evidence.posterior.records import Posteriors
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.products.report import leaves
 
@@ -25,14 +25,14 @@ RANKS = 30  # scenarios that the report lists
 
 @dataclass(frozen=True)
 class PosteriorOutputs:
-    """What the files and pictures are made from."""
+    """The data from which the files and pictures are made."""
 
     posteriors: Posteriors
     setting: Setting
 
 
 def _draw(matter: PosteriorOutputs, path: Path) -> None:
-    # imported here, for Matplotlib takes a second
+    # imported here, since importing Matplotlib takes a second
     from drift.evidence.posterior import map as posterior_map
 
     posterior_map.plot_posteriors(matter.posteriors, path, matter.setting)
@@ -50,30 +50,32 @@ FILES: dict[str, Callable[[PosteriorOutputs, Stamped], Contents]] = {
 PICTURES: dict[str, Callable[[PosteriorOutputs, Path], None]] = {
     "posteriors.png": _draw,
 }
-# Of several scenarios, where anything was searched, seen or not seen.
+# Files of several scenarios after at least one update.
 RANKED: dict[str, Callable[[Ranking, Stamped], Contents]] = {
     "scenarios.csv": lambda ranked, stamped: ranking.csv(ranked, stamped["run_id"]),
 }
-# Of more than maps show by themselves, or of families.
+# Pictures of more scenarios than maps show separately, or of families.
 MANY: dict[str, Callable[[Ranking, Setting, Path], None]] = {
     "scenarios.png": _draw_ranking,
 }
 
 
-def chapter(matter: PosteriorOutputs) -> Chapter:
-    """Return the chapter of posteriors."""
+def posterior_bundle(matter: PosteriorOutputs) -> OutputBundle:
+    """Return the outputs of posteriors."""
     numbers = tables.summary(matter.posteriors)
-    files, pictures = bound(FILES, matter), bound(PICTURES, matter)
+    files, pictures = bind_outputs(FILES, matter), bind_outputs(PICTURES, matter)
     ranked = ranking.ranking_of(matter.posteriors)
     if ranked is not None:
-        files |= bound(RANKED, ranked)
+        files |= bind_outputs(RANKED, ranked)
         if many(ranked):
             pictures |= {name: partial(draw, ranked, matter.setting) for name, draw in MANY.items()}
-    return Chapter(numbers, files, pictures, leaves=(partial(_leaves, matter.posteriors, ranked),))
+    return OutputBundle(
+        numbers, files, pictures, leaves=(partial(_leaves, matter.posteriors, ranked),)
+    )
 
 
 def many(ranked: Ranking) -> bool:
-    """Whether scenarios are so many that not each of them is shown by itself, or of families."""
+    """Whether there are families, or more scenarios than are shown separately."""
     return bool(ranked.axes) or ranked.shown.size < len(ranked.prior)
 
 
@@ -92,13 +94,13 @@ def _leaves(posteriors: Posteriors, ranked: Ranking | None) -> list[Any]:
         ("q95", "95 %", "words"),
     ]
     note = "All scenarios together; posteriors.csv has those of each."
-    told = [one.quantity.name for one in posteriors.told]
+    quantities = [one.quantity.name for one in posteriors.told]
     shown: list[Any] = []
     if ranked is not None and many(ranked):
         shown += _ranked(ranked)
-        told.remove("scenario")
-    if told:
-        where: dict[str, str | list[str]] = {"scenario": "all", "quantity": told}
+        quantities.remove("scenario")
+    if quantities:
+        where: dict[str, str | list[str]] = {"scenario": "all", "quantity": quantities}
         shown.append(
             leaves.table_leaf(
                 "Posteriors besides position",
@@ -112,7 +114,7 @@ def _leaves(posteriors: Posteriors, ranked: Ranking | None) -> list[Any]:
 
 
 def _ranked(ranked: Ranking) -> list[Any]:
-    """Return the likeliest scenarios, and what is told of them by axis."""
+    """Return tables of the likeliest scenarios and of the axes of families."""
     columns = [
         ("", "Rank", "count"),
         ("", "Scenario", "words"),

@@ -1,9 +1,8 @@
-"""The picture of posteriors: small multiples, a column a quantity, a row before the first and after
-each update.
+"""The picture of posteriors: small multiples, one column a quantity and one row a stage.
 
-A row is drawn to a height of its own, and over it the outline of the first row to the same scale:
-so what an update has made likelier stands above the outline, and what it has made less likely
-below. Angles are cut opposite their mean.
+Each row has its own scale. The outline of the first row is drawn over it to the same scale: values
+that updates have made likelier rise above the outline, others stay below. Angles are cut opposite
+their mean.
 """
 
 import math
@@ -21,7 +20,7 @@ from matplotlib.transforms import blended_transform_factory
 
 from drift.evidence.posterior import tables
 from drift.evidence.posterior.marginal import BINS, TURN
-from drift.evidence.posterior.records import Posteriors, Stage, Told
+from drift.evidence.posterior.records import Posteriors, RangedQuantity, Stage
 from drift.forecast import effective
 from drift.products.maps import labels, page, sheet
 from drift.products.maps.chart import GREY, INK, RED
@@ -30,18 +29,18 @@ from drift.products.maps.sheet import Badge, Row, Sheet
 from geo import notation
 from geo.array import Array
 
-A_BAND = 4  # quantities beside each other
-MOST_ROWS = 12  # of more updates the first row and the last are shown
+A_BAND = 4  # most quantities beside each other
+MOST_ROWS = 12  # most rows; if there are more stages, the first and the last ones
 NAME = 32  # letters of a value's name
-MOST_VALUES = 12  # of a category; of more the likeliest, and all others together
-# [in]: names of rows, a chart, its figures, what parts two charts
+MOST_VALUES = 12  # values of a category; if there are more, the likeliest and all others together
+# [in]: names of rows, a chart, its figures, gap between charts
 LEFT, PANEL, BESIDE, GAP = 2.65, 1.95, 0.9, 0.34
 ROW, OVER, UNDER = 0.5, 0.42, 0.36  # [in]: a row, the heading over a band, the numbers under it
 HEAD, FOOT = 1.08, 0.72  # [in] over and under all bands
 LETTER = 0.053  # [in] of a value's name, upright
-TALL = 0.72  # of a row that its highest bar takes
+TALL = 0.72  # height of the highest bar as a share of the row
 SLICES = (8, 44)  # fewest and most bars of a histogram
-TAILS = 0.004  # share on each side that a chart may leave out
+TAILS = 0.004  # share on each side that a chart may omit
 BEFORE, NOW, LIGHT = "#aab4bd", "#3d7ab5", "#e3e8ec"
 ANGLES = (5, 10, 15, 30, 45, 90)  # [deg] between marks of a compass
 COMPASS = {0: "N", 90: "E", 180: "S", 270: "W"}
@@ -49,13 +48,13 @@ COMPASS = {0: "N", 90: "E", 180: "S", 270: "W"}
 
 @dataclass(frozen=True)
 class Panel:
-    """What a chart shows of one quantity: bars of each row, on a common axis."""
+    """The chart of one quantity: bars of each row, on a common axis."""
 
-    told: Told
+    told: RangedQuantity
     edges: Array  # (bars + 1,)
     rows: Array  # (rows, bars) shares
     names: tuple[str, ...] = ()  # of a category's values
-    # (bars,) bool: which bars of a histogram are one value with much of the probability
+    # (bars,) bool: bars of a histogram that are one value with much of the probability
     lone: Array | None = None
 
 
@@ -66,13 +65,13 @@ def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> Non
     many = -(-len(panels) // A_BAND)
     across = -(-len(panels) // many)
     bands = [panels[k : k + across] for k in range(0, len(panels), across)]
-    under = [max(_under(own) for own in band) for band in bands]
+    under = [max(_height_below(own) for own in band) for band in bands]
     least = effective.Count(min(stage.ess for stage in posteriors.stages), setting.particles)
     head = HEAD + 0.32 * least.few
     width = max(LEFT + across * (PANEL + BESIDE + GAP), 10.5)
     height = head + FOOT + sum(OVER + ROW * len(stages) + own for own in under)
     letters = width * 15
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             width,
             height,
@@ -86,10 +85,10 @@ def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> Non
             footer=sheet.small(0.09 / height, 7, letters),
         )
     )
-    sheet.head(on, setting.imprint, _account(posteriors, stages))
+    sheet.write_head(on, setting.imprint, _subtitle(posteriors, stages))
     _key(on.figure, 1 - 0.82 / height, 0.28 / width)
     if least.few:
-        sheet.rough(on, effective.banner(least, "shares and quantiles are rough"))
+        sheet.draw_rough_banner(on, effective.banner(least, "shares and quantiles are rough"))
     top = height - head
     for band, below in zip(bands, under, strict=True):
         bottom = top - OVER - ROW * len(stages)
@@ -127,17 +126,17 @@ def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> Non
         linespacing=1.35,
         va="center",
     )
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def shown(posteriors: Posteriors) -> list[Stage]:
-    """Return the rows of the picture: before the first update, and after the last ones."""
+    """Return the stages of the picture: before the first update, and after the last ones."""
     first, *later = posteriors.stages
     return [first, *later[-(MOST_ROWS - 1) :]]
 
 
 def panel(posteriors: Posteriors, stages: list[Stage], k: int) -> Panel:
-    """Return what is drawn of quantity k."""
+    """Return the chart of quantity k."""
     told = posteriors.told[k]
     table = np.nan_to_num([stage.marginals[k].table[-1] for stage in stages])
     if told.quantity.kind == "category":
@@ -163,9 +162,10 @@ def panel(posteriors: Posteriors, stages: list[Stage], k: int) -> Panel:
     )
 
 
-def _of_category(told: Told, table: Array) -> Panel:
-    """Return the bars of a category: one a value, of many values the likeliest and all others
-    together.
+def _of_category(told: RangedQuantity, table: Array) -> Panel:
+    """Return the chart of a category: one bar a value.
+
+    If there are too many values, the unlikely ones share a bar.
     """
     names = list(told.labels)
     if len(names) > MOST_VALUES:
@@ -176,31 +176,35 @@ def _of_category(told: Told, table: Array) -> Panel:
     return Panel(told, np.arange(len(names) + 1) - 0.5, table, tuple(names))
 
 
-def _under(own: Panel) -> float:
-    """Return the room [in] that the numbers or names under a chart take."""
+def _height_below(own: Panel) -> float:
+    """Return the height [in] of the numbers or names under a chart."""
     if not own.names:
         return UNDER
     return (
         0.2
-        + (0.115 * 3 if _level(own) else LETTER * max(map(len, page.names(own.names, NAME))))
+        + (
+            0.115 * 3
+            if _names_are_horizontal(own)
+            else LETTER * max(map(len, page.shorten_names(own.names, NAME)))
+        )
         + 0.12
     )
 
 
-def _level(own: Panel) -> bool:
-    """Whether the names of values are few enough to stand level."""
+def _names_are_horizontal(own: Panel) -> bool:
+    """Whether the names of values are few enough to be horizontal."""
     return len(own.names) <= 3
 
 
 def _chart(ax: Axes, own: Panel, many: int) -> None:
-    """Draw the bars of all rows, and the first row's outline over each."""
+    """Draw the bars of all rows, and the outline of the first row over each."""
     category = bool(own.names)
     density = own.rows if category else own.rows / np.diff(own.edges)
-    # Shares are told by their heights, from row to row; a histogram has a row's height, but for
-    # bars that stand out of it.
+    # Bars of a category have one scale in all rows. A histogram is scaled to the height of its row,
+    # without the bars that stand out.
     lone = np.zeros(len(own.edges) - 1, bool) if own.lone is None else own.lone
     top = np.where(lone, 0.0, density).max(axis=1)
-    # above them there is room for what is said of such a bar
+    # leave space above for the share of such a bar
     tall = TALL * (0.72 if lone.any() else 1.0)
     top = np.full(many, top.max()) if category else np.where(top > 0, top, density.max(axis=1))
     ax.set_xlim(own.edges[0], own.edges[-1])
@@ -230,7 +234,7 @@ def _chart(ax: Axes, own: Panel, many: int) -> None:
                     base - first, own.edges, baseline=base, color=INK, linewidth=0.7, zorder=4
                 )
             for j in np.flatnonzero(lone & (now > tall)):
-                _lone(ax, own, k, int(j), (base - now[j], base - TALL))
+                _cut_bar(ax, own, k, int(j), (base - now[j], base - TALL))
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=0.8, visible=False)
     ax.spines["bottom"].set_visible(True)
@@ -247,9 +251,10 @@ def _stand_out(rows: Array) -> Array:
     )
 
 
-def _lone(ax: Axes, own: Panel, row: int, bar: int, y: tuple[float, float]) -> None:
-    """Break a bar that stands out of its row, and write beside it the share that it has; y: its
-    top, and of the words.
+def _cut_bar(ax: Axes, own: Panel, row: int, bar: int, y: tuple[float, float]) -> None:
+    """Cut a bar that stands out of its row, and write its share beside it.
+
+    y: top of the bar and position of the text.
     """
     middle, right = float(own.edges[bar : bar + 2].mean()), bar < 0.8 * own.rows.shape[1]
     ax.plot(middle, y[0] + 0.1, "_", color="white", markersize=9, markeredgewidth=2.5, zorder=5)
@@ -283,19 +288,19 @@ def _percent(ax: Axes, share: float, x: float, y: float, many: int) -> None:
 
 
 def _ticks(ax: Axes, own: Panel) -> None:
-    """Mark the axis under a chart."""
+    """Draw the axis under a chart."""
     told, (low, high) = own.told, ax.get_xlim()
     ax.tick_params(labelsize=7.5, colors=INK, length=3, pad=2)
     if own.names:
         ax.set_xticks(np.arange(len(own.names)))
         ax.tick_params(axis="x", length=0)
-        if _level(own):
+        if _names_are_horizontal(own):
             ax.set_xticklabels(
                 ["\n".join(textwrap.wrap(page.fit(name, NAME), 16)[:3]) for name in own.names],
                 fontsize=7.5,
             )
         else:
-            ax.set_xticklabels(page.names(own.names, NAME), rotation=90, fontsize=7)
+            ax.set_xticklabels(page.shorten_names(own.names, NAME), rotation=90, fontsize=7)
     elif told.quantity.kind == "time":
         return
     elif told.quantity.kind == "circular":
@@ -319,7 +324,7 @@ def _compass(angle: int) -> str:
     return f"{angle:03d} {COMPASS[angle]}" if angle in COMPASS else f"{angle:03d}"
 
 
-def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) -> None:
+def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: RangedQuantity) -> None:
     """Draw the median and the quantiles under each row, and write them beside it."""
     number = posteriors.told.index(told)
     low, high = ax.get_xlim()
@@ -353,12 +358,12 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
                     zorder=5,
                 )
             ax.plot(q[2], k + 0.9, "o", color="white", markeredgecolor=INK, markersize=4, zorder=6)
-            said = [_said(posteriors, told, x) for x in found.quantiles[-1][[2, 0, 4]]]
-            ax.text(1.04, k + 0.42, said[0], transform=beside, fontsize=9, color=INK, va="center")
+            texts = [_value_text(posteriors, told, x) for x in found.quantiles[-1][[2, 0, 4]]]
+            ax.text(1.04, k + 0.42, texts[0], transform=beside, fontsize=9, color=INK, va="center")
             ax.text(
                 1.04,
                 k + 0.66,
-                f"{said[1]}-{said[2]}",
+                f"{texts[1]}-{texts[2]}",
                 transform=beside,
                 fontsize=7,
                 color=GREY,
@@ -376,8 +381,8 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
             )
 
 
-def _said(posteriors: Posteriors, told: Told, value: float) -> str:
-    """Return a value of a quantity as a reader has it."""
+def _value_text(posteriors: Posteriors, told: RangedQuantity, value: float) -> str:
+    """Return a value of a quantity in its unit, as text."""
     if told.quantity.kind == "time":
         return notation.day_time(tables.moment(posteriors, value))
     value = value * told.quantity.scale
@@ -387,7 +392,7 @@ def _said(posteriors: Posteriors, told: Told, value: float) -> str:
 
 
 def _names(ax: Axes, stages: list[Stage]) -> None:
-    """Write left of each row which update it follows, when that was, and how many particles count."""
+    """Write the update, its time and the effective particles left of each row."""
     place = blended_transform_factory(ax.transAxes, ax.transData)
     inch = 1 / (ax.get_position().width * ax.get_figure(root=True).get_figwidth())  # type: ignore[union-attr]
     for k, stage in enumerate(stages):
@@ -398,7 +403,7 @@ def _names(ax: Axes, stages: list[Stage]) -> None:
             else f"{page.fit(stage.name, 16)} ({stage.kind})"
         )
         head = page.fit(name, 26) if stage.number == 0 else f"{stage.number}  {page.fit(name, 26)}"
-        below = f"{notation.group(stage.time)}, {count.words}"
+        below = f"{notation.format_dtg(stage.time)}, {count.words}"
         for y, text, size, colour, weight in (
             (
                 0.45,
@@ -423,7 +428,7 @@ def _names(ax: Axes, stages: list[Stage]) -> None:
 
 
 def _key(figure: Figure, top: float, left: float) -> None:
-    """Say what the marks mean."""
+    """Draw the legend."""
     rows: list[tuple[Any, str]] = [
         (Patch(color=BEFORE), "before the first update"),
         (Patch(color=NOW), "after an update"),
@@ -451,8 +456,8 @@ def _key(figure: Figure, top: float, left: float) -> None:
     )
 
 
-def _account(posteriors: Posteriors, stages: list[Stage]) -> str:
-    """Return in a line what is shown."""
+def _subtitle(posteriors: Posteriors, stages: list[Stage]) -> str:
+    """Return the line of text under the title: what is shown."""
     many = len(posteriors.stages) - 1
     text = f"Posteriors besides position, before the first and after each of {many} update{'s' * (many != 1)}"
     if many == 0:
@@ -462,7 +467,7 @@ def _account(posteriors: Posteriors, stages: list[Stage]) -> str:
 
 
 def _explained(letters: float) -> str:
-    """Return what the marks are, in lines as wide as so many large letters."""
+    """Return the explanation of the chart, wrapped to a width in large letters."""
     text = (
         "Outline: before. Tall bars are cut, with the value beside. Bars of scenarios, destinations and sides are shares in %. "
         "Beside a histogram: the median, 5 to 95 %, and the share of the probability to which it applies. "

@@ -1,9 +1,8 @@
-"""The distribution of one quantity by the weights of particles: shares, moments, exact quantiles,
-and a histogram.
+"""Weighted distribution of one quantity: shares, moments, exact quantiles and a histogram.
 
-Particles are gone through part by part, and sums made by blocks (drift.engine.particles.partials).
-Quantiles are exact: a histogram says in which bin each lies, and only the particles of those bins
-are sorted.
+Particles are read in parts, and sums are made by blocks (drift.engine.particles.partials).
+Quantiles are exact: the histogram finds the bin of each, and only the particles of those bins are
+sorted.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -22,52 +21,53 @@ from geo.array import Array
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 BINS = 256
 TURN = 2 * np.pi
-# of the sums of a million terms: a variance that is a smaller part of the mean square is none
+# relative rounding error of sums of a million terms: a variance that is a smaller part of the mean
+# square counts as 0
 ROUNDING = 2.0**-44
-SORTED = 2**21  # particles of a bin that are sorted at once; of more the bin is cut into bins again
+SORTED = 2**21  # most particles of a bin that are sorted at once; a larger bin is divided again
 
-# Gives the numbers by which particles are ranked, and their weights, some after others.
+# Yields values and weights of particles, part by part.
 Members = Callable[[], Iterable[tuple[Array, Array]]]
 
 
 @dataclass(frozen=True)
 class Marginal:
-    """A distribution in SI and radians; NaN where nothing has weight. Rows: each scenario, then all
-    together.
+    """A distribution in SI and radians; NaN without weight.
 
-    Of a category there are shares and effective numbers alone.
+    Rows are each scenario, then all together. A category only has shares and effective numbers.
     """
 
-    share: Array  # (rows,) probability of those for which the quantity means anything
+    share: Array  # (rows,) probability of the particles that have the quantity
     ess: Array  # (rows,) effective number of these particles (Kong 1992)
-    # of a category the shares of its values (rows, values), or of one that is the scenarios' own
-    # (1, values); else those of BINS of all together (1, BINS)
+    # category: shares of its values (rows, values), or (1, values) if each scenario has one value;
+    # otherwise: shares of bins of all together (1, BINS)
     table: Array
-    mean: Array | None = None  # (rows,); of angles the direction of the mean vector, 0 to a turn
+    mean: Array | None = None  # (rows,); of angles the direction of the mean vector, in [0, 2 pi)
     # (rows,); of angles sqrt(-2 ln R), R the length of the mean vector (Mardia 1972)
     std: Array | None = None
-    # (rows, LEVELS); of angles those of a turn that begins opposite the mean
+    # (rows, LEVELS); for angles, of the turn that begins opposite the mean
     quantiles: Array | None = None
 
 
 class Weighted(NamedTuple):
-    """Particles by their weights, and what these and their squares add up to."""
+    """Particles with their weights, and the sums of weights and of their squares."""
 
-    # log_weight; lineage where any was drawn again; holds of a quantity that means nothing for some
+    # log_weight; lineage after resampling; holds if some particles do not have the quantity
     columns: Columns
     top: float  # the largest log weight of all
     total: Array  # (rows,) in units of the largest weight
-    squares: Array  # (rows,) of the weights of families
+    squares: Array  # (rows,) sums of squared weights, copies of a particle counting as one
 
     @property
     def ess(self) -> Array:
-        """The effective number of particles (Kong 1992), copies as one, (rows,); 0 of nothing."""
+        """The effective sample size (Kong 1992), copies as one, (rows,); 0 without weight."""
         none = np.zeros(len(self.total))
         return np.asarray(np.divide(self.total**2, self.squares, out=none, where=self.squares > 0))
 
     def parts(self, *names: str) -> Iterator[tuple[Any, ...]]:
-        """Yield the blocks of some particles after others, their weights, 0 where the quantity
-        means nothing, and columns.
+        """Yield blocks of particles, their weights and columns, part by part.
+
+        Weights are 0 for particles that do not have the quantity.
         """
         for blocks, log_weight, holds, *columns in self.columns.parts(
             "log_weight", "holds", *names
@@ -76,7 +76,7 @@ class Weighted(NamedTuple):
             yield blocks, weight if holds is None else weight * holds, *columns
 
     def row(self, row: int) -> "Weighted":
-        """Return the particles of a row: of a scenario, or all."""
+        """Return the particles of a row: of one scenario, or all."""
         blocks = self.columns.blocks
         return (
             self
@@ -86,11 +86,12 @@ class Weighted(NamedTuple):
 
 
 def weighted(columns: Columns, top: float | None = None) -> Weighted:
-    """Return particles as the other functions take them, by their `log_weight` and, where there is
-    one, `lineage`.
+    """Return particles with their weights and sums.
 
-    lineage: int, the particle of the begin from which each descends: copies count as one
-    (drift.forecast.effective). top: the largest log weight, if it is known.
+    Args:
+        columns: `log_weight` and, after resampling, `lineage`, the initial particle from which each
+            descends: copies count as one (drift.forecast.effective).
+        top: the largest log weight, if it is known.
     """
     if top is None:
         top = max(float(log_weight.max()) for _, log_weight in columns.parts("log_weight"))
@@ -103,7 +104,7 @@ def weighted(columns: Columns, top: float | None = None) -> Weighted:
             runs.append(
                 weights.runs_of_families(scenario, blocks.scenarios, weight, lineage, blocks)
             )
-    total, squares = _summed(sums)[:, 0].T
+    total, squares = _sums_by_scenario(sums)[:, 0].T
     if runs:
         many = columns.blocks.scenarios
         of, mass = weights.families(many, runs)
@@ -115,39 +116,50 @@ def weighted(columns: Columns, top: float | None = None) -> Weighted:
 def of_category(own: Weighted, values: Columns, many: int) -> Marginal:
     """Return the distribution of a category.
 
-    values: the number of each particle's, 0 to many - 1 where it `holds`.
+    Args:
+        own: the particles.
+        values: number of each particle's value, 0 to many - 1 where it `holds`.
+        many: number of values.
     """
-    held = _held(own, values)
+    held = _having_quantity(own, values)
     coded = [
         blocks.partial(weight, code=np.where(holds, number, 0), many=many)
         for blocks, weight, number, holds in held.parts("values", "holds")
     ]
-    sums, total = _summed(coded)[:, :, 0], own.total[:, None]
+    sums, total = _sums_by_scenario(coded)[:, :, 0], own.total[:, None]
     table = np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
     return Marginal(table.sum(axis=1), held.ess, table)
 
 
 def of_scenarios(own: Weighted, number: npt.NDArray[np.int64], many: int) -> Marginal:
-    """Return the distribution of a category whose value is the scenario's own, of all scenarios
-    together: the table has one row.
+    """Return the distribution of a category with one value per scenario.
 
-    number: of each scenario's value, (scenarios,), 0 to many - 1; -1: it has none.
+    The table has one row, of all scenarios together.
+
+    Args:
+        own: the particles.
+        number: of each scenario's value, 0 to many - 1; -1: none. Shape (scenarios,).
+        many: number of values.
     """
     holds, total = number >= 0, own.total[:-1]
     sums = np.bincount(number[holds], total[holds], many)
     held, squares = np.append(total * holds, sums.sum()), own.squares[:-1] * holds
     squares = np.append(squares, squares.sum())
     ess = np.divide(held**2, squares, out=np.zeros(len(held)), where=squares > 0)
-    return Marginal(_over(held, own.total), ess, _over(sums, own.total[-1])[None])
+    return Marginal(_ratio(held, own.total), ess, _ratio(sums, own.total[-1])[None])
 
 
 def of_number(own: Weighted, values: Columns, low: float, high: float) -> Marginal:
     """Return the distribution of numbers, where they hold.
 
-    low, high: ends of the histogram, to whose first and last bin what lies outside is added.
+    Args:
+        own: the particles.
+        values: of the quantity.
+        low: begin of the histogram; smaller values are in its first bin.
+        high: end of the histogram; larger values are in its last bin.
     """
-    # from there squares are small enough to be subtracted
-    held, middle = _held(own, values), (low + high) / 2
+    # moments about the middle lose less precision
+    held, middle = _having_quantity(own, values), (low + high) / 2
     moments, coded = [], []
     for blocks, weight, number in held.parts("values"):
         off = np.subtract(number, middle, dtype=np.float64)
@@ -155,8 +167,8 @@ def of_number(own: Weighted, values: Columns, low: float, high: float) -> Margin
         coded.append(
             blocks.partial(weight, code=_bins(number.astype(np.float64), low, high), many=BINS)
         )
-    sums, table = _summed(moments)[:, 0], _summed(coded)[:, :, 0]
-    mean, square = _over(sums[:, 0], held.total), _over(sums[:, 1], held.total)
+    sums, table = _sums_by_scenario(moments)[:, 0], _sums_by_scenario(coded)[:, :, 0]
+    mean, square = _ratio(sums[:, 0], held.total), _ratio(sums[:, 1], held.total)
     variance = np.where(square - mean**2 > ROUNDING * square, square - mean**2, 0.0 * square)
 
     def members(row: int) -> Iterator[tuple[Array, Array]]:
@@ -166,10 +178,10 @@ def of_number(own: Weighted, values: Columns, low: float, high: float) -> Margin
     quantiles = [
         _quantiles(partial(members, row), levels, low, high) for row, levels in enumerate(table)
     ]
-    shares = _over(held.total, own.total), held.ess
+    shares = _ratio(held.total, own.total), held.ess
     return Marginal(
         *shares,
-        _over(table[-1], own.total[-1])[None],
+        _ratio(table[-1], own.total[-1])[None],
         mean + middle,
         np.sqrt(variance),
         np.array(quantiles),
@@ -177,30 +189,29 @@ def of_number(own: Weighted, values: Columns, low: float, high: float) -> Margin
 
 
 def of_angle(own: Weighted, values: Columns) -> Marginal:
-    """Return the distribution of angles [rad], where they hold; their histogram is of one turn from
-    0.
+    """Return the distribution of angles [rad], where they hold.
+
+    The histogram covers [0, 2 pi).
     """
-    held, turned, coded = _held(own, values), [], []
+    held, turned, coded = _having_quantity(own, values), [], []
     for blocks, weight, angle in held.parts("values"):
         within = angle.astype(np.float64) % TURN
         turned.append(blocks.partial(weight * np.sin(within), weight * np.cos(within)))
         coded.append(blocks.partial(weight, code=_bins(within, 0.0, TURN), many=BINS))
-    sums, table = _summed(turned)[:, 0], _summed(coded)[:, :, 0]
+    sums, table = _sums_by_scenario(turned)[:, 0], _sums_by_scenario(coded)[:, :, 0]
     mean = np.where(held.total > 0, np.arctan2(sums[:, 0], sums[:, 1]) % TURN, np.nan)
-    length = np.minimum(_over(np.hypot(sums[:, 0], sums[:, 1]), held.total), 1.0)
+    length = np.minimum(_ratio(np.hypot(sums[:, 0], sums[:, 1]), held.total), 1.0)
     with np.errstate(divide="ignore"):
         std = np.sqrt(-2 * np.log(length))
     quantiles = np.array(
-        [_about(held.row(row), middle) for row, middle in enumerate(np.nan_to_num(mean))]
+        [_quantiles_about(held.row(row), middle) for row, middle in enumerate(np.nan_to_num(mean))]
     )
-    shares = _over(held.total, own.total), held.ess
-    return Marginal(*shares, _over(table[-1], own.total[-1])[None], mean, std, quantiles)
+    shares = _ratio(held.total, own.total), held.ess
+    return Marginal(*shares, _ratio(table[-1], own.total[-1])[None], mean, std, quantiles)
 
 
-def _about(held: Weighted, centre: float) -> Array:
-    """Return the quantiles of angles (LEVELS,): those of how far they are from a centre, -pi to pi,
-    as angles again.
-    """
+def _quantiles_about(held: Weighted, centre: float) -> Array:
+    """Return the quantiles (LEVELS,) of angles, ordered by their difference from a centre."""
 
     def members() -> Iterator[tuple[Array, Array]]:
         for _, weight, angle in held.parts("values"):
@@ -213,47 +224,42 @@ def _about(held: Weighted, centre: float) -> Array:
     return np.asarray((_quantiles(members, table, -np.pi, np.pi) + centre) % TURN)
 
 
-def _held(own: Weighted, values: Columns) -> Weighted:
-    """Return particles with their values, by the weights of those for which these mean anything."""
+def _having_quantity(own: Weighted, values: Columns) -> Weighted:
+    """Return the particles that have a quantity, with their values."""
     return weighted(own.columns | values, own.top)
 
 
 def _span(blocks: Blocks, scenario: int) -> tuple[int, int]:
-    """Return the numbers of the first block of a scenario, and of the one after its last."""
+    """Return the numbers of a scenario's first block and of the block after its last."""
     begin, end = np.searchsorted(blocks.scenario, (scenario, scenario + 1))
     return int(begin), int(end)
 
 
-def _summed(parts: list[Partial]) -> Array:
-    """Return the sums of all parts by scenario and, last, of all, (scenarios + 1, codes, values)."""
-    by_scenario = partials.merged(parts).by_scenario
-    # as Partial.total
+def _sums_by_scenario(parts: list[Partial]) -> Array:
+    """Return sums of all parts by scenario and, last, of all, (scenarios + 1, codes, values)."""
+    by_scenario = partials.merge_partials(parts).by_scenario
+    # added in the order of Partial.total, for the same bits
     return np.concatenate([by_scenario, np.add.accumulate(by_scenario, axis=0)[-1:]])
 
 
-def _over(part: Array, whole: Array) -> Array:
-    """Return a part of something; NaN of nothing."""
+def _ratio(part: Array, whole: Array) -> Array:
+    """Return part / whole; NaN where the whole is 0."""
     return np.asarray(np.divide(part, whole, out=np.full(np.shape(part), np.nan), where=whole > 0))
 
 
 def _bins(values: Array, low: float, high: float) -> Array:
-    """Return the bin of each value, uint8 (n,); outside of low and high the first and the last."""
+    """Return the bin of each value, uint8 (n,); values outside are in the first or last bin."""
     bins = (values - low) * (BINS / (high - low) if high > low else 0.0)
     return np.clip(bins, 0, BINS - 1, out=bins).astype(np.uint8)
 
 
 def _quantiles(members: Members, table: Array, low: float, high: float) -> Array:
-    """Return the quantiles of what ranks some particles (LEVELS,); table: their weights in BINS
-    from low to high.
-    """
+    """Return the quantiles of particles (LEVELS,); table: weights in BINS from low to high."""
     return _ranked(members, table, low, high, np.asarray(LEVELS) * np.cumsum(table)[-1])
 
 
 def _ranked(members: Members, table: Array, low: float, high: float, aim: Array) -> Array:
-    """Return the least numbers up to and with which the weights add up to what is aimed at;
-
-    NaN of no weight.
-    """
+    """Return the smallest values at which cumulative weights reach `aim`; NaN without weight."""
     if not table.any():
         return np.full(len(aim), np.nan)
     # rounding must not lead beyond the last weight
@@ -289,14 +295,14 @@ def _ranked(members: Members, table: Array, low: float, high: float, aim: Array)
 
 
 class _Bin:
-    """The particles of a bin, kept as long as they are few enough to be sorted."""
+    """The particles of one bin, stored while they are few enough to be sorted."""
 
     def __init__(self) -> None:
         self.many, self.least, self.most = 0, np.inf, -np.inf
         self._kept: list[tuple[Array, Array]] = []
 
     def take(self, numbers: Array, weight: Array) -> None:
-        """Take up some of them."""
+        """Add particles."""
         if not numbers.size:
             return
         self.many += numbers.size
@@ -310,7 +316,7 @@ class _Bin:
             self._kept.clear()
 
     def at(self, rest: Array) -> Array:
-        """Return the numbers at which their weights add up to what is wanted."""
+        """Return the values at which the cumulative weights reach `rest`."""
         if self.least == self.most:
             return np.full(len(rest), self.least)
         numbers, weight = (np.concatenate(column) for column in zip(*self._kept, strict=True))

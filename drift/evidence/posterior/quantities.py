@@ -1,7 +1,7 @@
-"""The quantities of which posteriors are told. A new one is one more entry; files and pictures ask
-nothing else.
+"""The quantities with marginal posteriors.
 
-A quantity is told of a run where any two of its particles differ in it.
+A new quantity is one more entry of QUANTITIES; files and pictures need no change. A run reports a
+quantity if any two of its particles differ in it.
 """
 
 import math
@@ -35,7 +35,7 @@ def _scenario(drawn: Drawn) -> Values:
 
 
 def _steers(drawn: Drawn) -> Array:
-    """Return which particles steer, or have before they went adrift, bool (n,)."""
+    """Return which particles steer, or did before they went adrift, bool (n,)."""
     return np.array([s.itinerary is not None for s in drawn.spec.scenarios])[drawn.scenario]
 
 
@@ -58,7 +58,7 @@ def _spread_rate(drawn: Drawn) -> Values | None:
 
 
 def _settled(drawn: Drawn, name: str) -> Values | None:
-    """Return one of the columns that are settled at birth, of the scenarios that have it."""
+    """Return one of the values that are fixed at birth, for the scenarios that have it."""
     settled = drawn.settled
     if settled is None:
         return None
@@ -68,8 +68,8 @@ def _settled(drawn: Drawn, name: str) -> Values | None:
 def _adrift(drawn: Drawn) -> Values:
     """Return when particles go adrift within the run: at their release, or their distress.
 
-    What arrives, runs aground or is lost before its distress never does; of a voyage that is known
-    from its begin.
+    Particles that arrive, run aground or leave the domain before their distress never go adrift;
+    for a voyage, the arrival is known from the start.
     """
     ensemble = drawn.ensemble
     release, status, since = (
@@ -84,7 +84,7 @@ def _adrift(drawn: Drawn) -> Values:
 
 
 def _member(drawn: Drawn) -> Values | None:
-    """Return in which member of an ensemble of winds and currents particles drift."""
+    """Return the forcing ensemble member in which each particle drifts."""
     member = members.member_of_particles(drawn.ensemble)
     return None if member is None else Values(member, np.ones(drawn.ensemble.n, bool))
 
@@ -94,8 +94,9 @@ def _members(spec: EnsembleSpec) -> tuple[str, ...]:
 
 
 def _side(drawn: Drawn) -> Values | None:
-    """Return on which side of the wind particles drift now, of objects whose sides differ; jibes
-    change it.
+    """Return on which side of the wind particles drift now; jibes change it.
+
+    It applies to objects whose sides differ.
     """
     if "side" not in drawn.ensemble.own:
         return None
@@ -108,14 +109,14 @@ def _sides(spec: EnsembleSpec) -> tuple[str, ...]:
 
 
 class Ends(NamedTuple):
-    """The places to which the scenarios of a run lead."""
+    """The destinations of all scenarios of a run."""
 
-    labels: tuple[str, ...]  # of each place
-    number: Array  # (scenarios, destinations at most) of the place, -1: none
+    labels: tuple[str, ...]  # position of each destination
+    number: Array  # (scenarios, most destinations) number of the destination, -1: none
 
 
 def ends(spec: EnsembleSpec) -> Ends:
-    """Return to which places scenarios lead in the end: one that several lead to is one place."""
+    """Return the destinations of scenarios; one that several share is listed once."""
     places = [
         _ends(scenario.itinerary) if scenario.itinerary else [] for scenario in spec.scenarios
     ]
@@ -128,9 +129,7 @@ def ends(spec: EnsembleSpec) -> Ends:
 
 
 def _ends(itinerary: Itinerary) -> list[Place]:
-    """Return the destinations of the last phase that has a choice of them, else where the last
-    phase ends.
-    """
+    """Return the destinations of the last phase with a choice, else the end of the last phase."""
     for phase in reversed(itinerary.phases):
         if isinstance(phase, Ways) and phase.destinations:
             return [point.place for point, _ in phase.destinations]
@@ -144,7 +143,7 @@ def _ends(itinerary: Itinerary) -> list[Place]:
 
 
 def _label(place: Place) -> str:
-    """Return where a place is; of a ring, its middle."""
+    """Return the position of a place in words; of a ring, its middle."""
     lon, lat = (
         ((min(place.lon) + max(place.lon)) / 2, (min(place.lat) + max(place.lat)) / 2)
         if isinstance(place, InRing)
@@ -174,9 +173,7 @@ def _of_none(drawn: Drawn) -> None:
 
 
 def of_axis(axis: Axis) -> Quantity:
-    """Return an axis of families of scenarios as a quantity; what particles have of it their
-    scenarios say.
-    """
+    """Return an axis of scenario families as a quantity with one value per scenario."""
     heading = f"{axis.name[:1].upper()}{axis.name[1:]} (by scenario)"
     return Quantity(f"axis {axis.name}", heading, "category", _of_none, by_scenario=True)
 

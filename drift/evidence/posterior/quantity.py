@@ -1,6 +1,4 @@
-"""A quantity of which a posterior is told: what it is called, and how it is read from the
-particles.
-"""
+"""A quantity with a marginal posterior: its name, and how it is read from the particles."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,13 +9,13 @@ from drift.engine.motion.steering.settled import Settled
 from drift.engine.particles.ensemble import Ensemble
 from geo.array import Array
 
-# number: on a line; time: [s] after the start of the run; circular: an angle [rad], of which a turn
-# more or less is the same; category: the number of one of a few values.
+# number: a real number; time: [s] after the start of the run; circular: an angle [rad], modulo a
+# turn; category: the number of one of a few values.
 Kind = Literal["number", "time", "circular", "category"]
 
 
 class Drawn(NamedTuple):
-    """Particles as they are at some time, and what they were drawn from."""
+    """Particles at some time, and what they were drawn from."""
 
     spec: EnsembleSpec
     ensemble: Ensemble
@@ -26,10 +24,10 @@ class Drawn(NamedTuple):
 
 
 class Values(NamedTuple):
-    """What particles have of a quantity."""
+    """The values of a quantity for all particles."""
 
     values: Array  # (n,) in SI and radians; of a category, its number
-    holds: Array  # (n,) bool: those for which it means anything
+    holds: Array  # (n,) bool: particles that have the quantity
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,8 @@ class Quantity:
     kind: Kind
     of: Callable[[Drawn], Values | None]  # None: no particle of the run has it
     unit: str = ""  # in files and pictures
-    scale: float = 1.0  # how many of these units an SI unit, or a radian, is
+    scale: float = 1.0  # number of these units per SI unit or radian
     # the values of a category, in words
     labels: Callable[[EnsembleSpec], tuple[str, ...]] | None = None
-    # a category: its value is the scenario's own, and nothing is told of single scenarios
+    # whether each scenario has one value, so that rows of single scenarios are not reported
     by_scenario: bool = False

@@ -1,7 +1,7 @@
-"""Scenarios by rank: which were likeliest in the end, and how much each gained.
+"""Scenarios by rank: posterior probability, and its ratio to the prior.
 
-How many count is told by the entropy of their probabilities: exp(-sum p ln p), n for n scenarios
-that are all as likely.
+The effective number of scenarios is exp(-sum p ln p), by the entropy of their probabilities: n for
+n equally likely scenarios.
 """
 
 from dataclasses import dataclass
@@ -19,13 +19,14 @@ from drift.products.files import formats
 from geo.array import Array
 
 HEADER = ["rank", "scenario", "family", "prior", "posterior", "factor", "cumulative"]
-AXIS = "axis "  # before the name of an axis, in the headers of columns
+AXIS = "axis "  # prefix of the column of an axis
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """The scenarios of a run, before the first update and after the last; arrays are (scenarios,),
-    in the order of the case.
+    """The scenarios of a run, before the first update and after the last.
+
+    Arrays are (scenarios,), in the order of the case.
     """
 
     posteriors: Posteriors
@@ -34,38 +35,38 @@ class Ranking:
 
     @property
     def order(self) -> npt.NDArray[np.int64]:
-        """The numbers of the scenarios, the likeliest first; of equals that which was likelier
-        before.
-        """
+        """The numbers of the scenarios by posterior, the likeliest first; ties are by prior."""
         return np.lexsort((-self.prior, -self.posterior))
 
     @property
     def factor(self) -> Array:
-        """How many times as likely each has become; NaN of what had no weight."""
+        """Posterior over prior of each scenario; NaN without prior."""
         none = np.full(len(self.prior), np.nan)
         return np.asarray(np.divide(self.posterior, self.prior, out=none, where=self.prior > 0))
 
     @property
     def shown(self) -> Shown:
-        """Which are shown by themselves where all are too many: the likeliest in the end."""
+        """The scenarios that are shown separately: the likeliest in the end."""
         return likeliest.likeliest_scenarios(self.posterior)
 
     @property
     def words(self) -> str:
-        """How many there are, and how many of them count."""
-        before, now = (family.effective(values) for values in (self.prior, self.posterior))
+        """The number of scenarios and the effective number, in words."""
+        before, now = (
+            family.effective_scenarios(values) for values in (self.prior, self.posterior)
+        )
         return f"{len(self.prior):,} scenarios, {now:.3g} of them effective now, {before:.3g} before the first update"
 
     @property
     def axes(self) -> list[Along]:
         """The axes of families along which they differ."""
-        return family.along(self.posteriors.families)
+        return family.axes_of_scenarios(self.posteriors.families)
 
 
 def ranking_of(posteriors: Posteriors) -> Ranking | None:
-    """Return the ranking of a run's scenarios;
+    """Return the ranking of a run's scenarios.
 
-    None of one alone, and where nothing was searched, seen or not seen.
+    Return None with a single scenario or without updates.
     """
     first, last = posteriors.stages[0], posteriors.stages[-1]
     if len(posteriors.scenarios) < 2 or first is last:
@@ -74,10 +75,14 @@ def ranking_of(posteriors: Posteriors) -> Ranking | None:
 
 
 def csv(ranking: Ranking, run: str) -> str:
-    """Return a row for each scenario, the likeliest first; run: the run_id for the last column.
+    """Return the CSV of scenarios, the likeliest first.
 
-    factor: posterior over prior; cumulative: probability of all up to this one. What follows is its
-    value on each axis of its family.
+    `factor` is posterior over prior, and `cumulative` the probability of all scenarios up to this
+    one. After these, there is one column for each axis of families.
+
+    Args:
+        ranking: of the run.
+        run: the run_id for the last column.
     """
     axes, families, factor = ranking.axes, ranking.posteriors.families, ranking.factor
     rows, order = [], ranking.order
@@ -87,13 +92,13 @@ def csv(ranking: Ranking, run: str) -> str:
         place = families[k]
         figures = (ranking.prior[k], ranking.posterior[k], factor[k], total)
         values = [axis.axis.labels[axis.number[k]] if axis.number[k] >= 0 else "" for axis in axes]
-        told = [_text(value) for value in figures]
+        cells = [_text(value) for value in figures]
         rows.append(
             [
                 rank,
                 ranking.posteriors.scenarios[k],
                 place.family.name if place else "",
-                *told,
+                *cells,
                 *values,
                 run,
             ]
@@ -102,10 +107,11 @@ def csv(ranking: Ranking, run: str) -> str:
 
 
 def summary_of_ranking(ranking: Ranking) -> dict[str, Any]:
-    """Return for the summary how many scenarios count, and the probability of each value on each
-    axis of families.
-    """
-    before, now = family.effective(ranking.prior), family.effective(ranking.posterior)
+    """Return the ranking for the summary: effective numbers, and probabilities on each axis."""
+    before, now = (
+        family.effective_scenarios(ranking.prior),
+        family.effective_scenarios(ranking.posterior),
+    )
     axes = {}
     for along in ranking.axes:
         shares = zip(

@@ -1,6 +1,4 @@
-"""What is told of posteriors: the quantities, and their distributions before the first and after
-each update.
-"""
+"""Records of posteriors: quantities, and their distributions before and after each update."""
 
 from dataclasses import dataclass
 
@@ -14,34 +12,34 @@ from geo.array import Array
 
 
 @dataclass(frozen=True)
-class Told:
-    """A quantity as it is in one run."""
+class RangedQuantity:
+    """A quantity with its range in one run."""
 
     quantity: Quantity
-    low: float  # ends of its histogram, in SI; of an angle a turn from 0, of a category unused
+    low: float  # begin of its histogram in SI; 0 to 2 pi for an angle, unused for a category
     high: float
     labels: tuple[str, ...] = ()  # of a category's values
 
 
 @dataclass(frozen=True)
 class Stage:
-    """What was known before the first update, or after one of them."""
+    """The distributions before the first update, or after one of them."""
 
     number: int  # of the update, 0: before the first
     name: str
-    kind: str  # "prior", or what kind of update
+    kind: str  # "prior", or the kind of update
     time: np.datetime64  # UTC
     ess: float  # effective number of all particles
     scenarios: Array  # (scenarios,) probability of each
-    marginals: tuple[Marginal, ...]  # one a quantity
+    marginals: tuple[Marginal, ...]  # one per quantity
 
 
 @dataclass(frozen=True)
 class Posteriors:
-    """All that is told of one run."""
+    """All posteriors of one run."""
 
     scenarios: tuple[str, ...]
-    period: Period  # from whose start times count
-    told: tuple[Told, ...]
+    period: Period  # of the run; times are relative to its start
+    told: tuple[RangedQuantity, ...]
     stages: tuple[Stage, ...]  # the first is the prior
-    families: tuple[InFamily | None, ...] = ()  # (scenarios,) where each stands in its family
+    families: tuple[InFamily | None, ...] = ()  # (scenarios,) position of each in its family

@@ -1,7 +1,7 @@
-"""The picture of scenarios by rank, readable however many there are.
+"""The picture of scenarios by rank, readable for any number of scenarios.
 
-On the left the likeliest as bars, all others together as the last, with how likely each was before;
-beside them, where there are families, the probability of each value on each axis.
+The left chart has the likeliest scenarios as bars, all others together as the last bar, and the
+prior of each. Beside it are, for families, the probabilities of the values on each axis.
 """
 
 from pathlib import Path
@@ -24,15 +24,15 @@ from geo.array import Array
 
 BEFORE, NOW, LIGHT = "#aab4bd", "#3d7ab5", "#e3e8ec"
 ROW, HEAD, FOOT = 0.36, 1.42, 0.86  # [in]: of a scenario, over and under the charts
-NAMES, BARS, FIGURES = 3.15, 2.7, 1.75  # [in]: names, bars, and what is written beside them
+NAMES, BARS, FIGURES = 3.15, 2.7, 1.75  # [in]: names, bars, and the figures beside them
 LETTERS = 38  # of a name
-AXIS, BESIDE = 2.9, 0.4  # [in]: width of an axis' chart, what parts two
-TALL, OVER, BASE = 1.2, 0.3, 0.22  # [in]: of an axis' chart at least, between two, under the bars
-LETTER = 0.043  # [in] of what a value is called, aslant
-WORD = 15  # letters of it
+AXIS, BESIDE = 2.9, 0.4  # [in]: width of an axis' chart, gap between charts
+TALL, OVER, BASE = 1.2, 0.3, 0.22  # [in]: least height of an axis' chart, gap, under the bars
+LETTER = 0.043  # [in] of a value's name, slanted
+WORD = 15  # letters of a value's name
 ACROSS = 2  # charts of axes beside each other
-AXES = 6  # of more axes the first are drawn
-NAMED = 12  # values on an axis that are all named; of more every second, third, ..
+AXES = 6  # most axes; if there are more, the first ones
+NAMED = 12  # most values on an axis with all names; otherwise every second, third, ..
 GRID = "#c9d1d8"
 
 
@@ -42,11 +42,11 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
     columns = min(ACROSS, len(axes))
     lines = -(-len(axes) // ACROSS)
     rows = ranking.shown.size
-    under = max((_under(along) for along in axes), default=0.0)
+    under = max((_height_below(along) for along in axes), default=0.0)
     tall = max(rows * ROW + BASE, lines * (TALL + under + OVER))
     width = max(0.3 + NAMES + BARS + FIGURES + columns * (AXIS + BESIDE) + 0.2, 9.5)
     height = HEAD + tall + FOOT
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             width,
             height,
@@ -60,10 +60,10 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
             footer=sheet.small(0.09 / height, 7, width * 15),
         )
     )
-    sheet.head(on, setting.imprint, ranking.words)
+    sheet.write_head(on, setting.imprint, ranking.words)
     count = effective.Count(ranking.posteriors.stages[-1].ess, setting.particles)
     if count.few:
-        sheet.rough(on, effective.banner(count, "probabilities are rough"))
+        sheet.draw_rough_banner(on, effective.banner(count, "probabilities are rough"))
     key: list[tuple[Any, str]] = [
         (Patch(color=NOW), "now"),
         (Line2D([], [], color=INK, linewidth=2.2), "before the first update"),
@@ -92,23 +92,23 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
     if len(ranking.axes) > AXES:
         words += f" {len(ranking.axes) - AXES} more axes: posteriors.csv."
     on.figure.text(0.28 / width, 0.33 / height, words, fontsize=8, color=GREY, va="center")
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _ranks(ax: Axes, ranking: Ranking) -> None:
-    """Draw the likeliest, and all others together."""
+    """Draw the likeliest scenarios, and all others together."""
     shown, names = ranking.shown, ranking.posteriors.scenarios
     alone = [k for k in ranking.order.tolist() if k in shown.alone]
     rest = [k for k in ranking.order.tolist() if k not in shown.alone]
     prior, now = (
         [*(float(values[k]) for k in alone)] for values in (ranking.prior, ranking.posterior)
     )
-    told = page.names([names[k] for k in alone], LETTERS)
+    bar_names = page.shorten_names([names[k] for k in alone], LETTERS)
     if rest:
         prior.append(float(ranking.prior[rest].sum()))
         now.append(float(ranking.posterior[rest].sum()))
-        told.append(f"{len(rest):,} others together")
-    top = max([*prior[: len(alone)], *now[: len(alone)]]) * 1.02  # all others may reach beyond
+        bar_names.append(f"{len(rest):,} others together")
+    top = max([*prior[: len(alone)], *now[: len(alone)]]) * 1.02  # the bar of others may be cut
     y = np.arange(len(now))
     ax.barh(
         y, np.minimum(now, top), 0.62, color=[NOW] * len(alone) + [BEFORE] * bool(rest), zorder=3
@@ -131,7 +131,7 @@ def _ranks(ax: Axes, ranking: Ranking) -> None:
         )
     ax.set_xlim(0, top)
     ax.set_ylim(len(now) - 0.5, -0.5)
-    ax.set_yticks(y, told, fontsize=8.5, color=INK)
+    ax.set_yticks(y, bar_names, fontsize=8.5, color=INK)
     ax.set_title(
         "Likeliest scenarios [%]", fontsize=10, weight="bold", color=INK, loc="left", pad=7
     )
@@ -175,11 +175,13 @@ def _axis(ax: Axes, along: Along, ranking: Ranking) -> None:
                 ha="center",
                 va="bottom",
             )
-    told, step = page.names(list(along.axis.labels), WORD), -(-len(now) // NAMED)
+    value_names, step = page.shorten_names(list(along.axis.labels), WORD), -(-len(now) // NAMED)
     aslant: dict[str, Any] = (
-        {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if _aslant(along) else {}
+        {"rotation": 45, "ha": "right", "rotation_mode": "anchor"}
+        if _names_are_slanted(along)
+        else {}
     )
-    ax.set_xticks(x[::step], told[::step], fontsize=7, color=INK, **aslant)
+    ax.set_xticks(x[::step], value_names[::step], fontsize=7, color=INK, **aslant)
     ax.set_title(
         page.fit(f"By {along.axis.name} [%]", 28),
         fontsize=9,
@@ -194,19 +196,21 @@ def _axis(ax: Axes, along: Along, ranking: Ranking) -> None:
     _plain(ax, "y")
 
 
-def _aslant(along: Along) -> bool:
-    """Whether what values are called is too much to stand level."""
+def _names_are_slanted(along: Along) -> bool:
+    """Whether the names of values are too long to be horizontal."""
     names = [label[:WORD] for label in along.axis.labels]
     return len(names) > 6 or sum(map(len, names)) > 30
 
 
-def _under(along: Along) -> float:
-    """Return the room [in] under a chart for what values are called."""
-    return 0.2 + (LETTER * min(max(map(len, along.axis.labels)), WORD) if _aslant(along) else 0.0)
+def _height_below(along: Along) -> float:
+    """Return the height [in] of the names of values under a chart."""
+    return 0.2 + (
+        LETTER * min(max(map(len, along.axis.labels)), WORD) if _names_are_slanted(along) else 0.0
+    )
 
 
 def _plain(ax: Axes, values: str) -> None:
-    """Leave of a chart its base, and faint lines at round values."""
+    """Remove all spines of a chart except its base, and draw grid lines at round values."""
     for name, spine in ax.spines.items():
         spine.set(visible=name == ("left" if values == "x" else "bottom"), color=INK, linewidth=0.8)
     along = ax.xaxis if values == "x" else ax.yaxis

@@ -1,6 +1,4 @@
-"""Where beliefs read what particles have of each quantity: from an ensemble as it is, or from what
-was taken down of one.
-"""
+"""Sources of the particles' quantities: an ensemble as it is, or stored columns."""
 
 from typing import Protocol
 
@@ -20,24 +18,25 @@ class Source(Protocol):
     """The particles of a run at some time."""
 
     def columns(self, quantity: Quantity) -> Columns | None:
-        """Return what they have of a quantity, as columns by the names of Values;
+        """Return a quantity of the particles, as columns by the names of `Values`.
 
-        None: none has it.
+        Return None if no particle has it.
         """
 
 
 class Particles:
-    """The particles of an ensemble, as they are whenever it is asked."""
+    """The particles of an ensemble at the time of the call."""
 
     def __init__(self, spec: EnsembleSpec, ensemble: Ensemble, steering: Steering | None) -> None:
-        """Make ready to read an ensemble that was drawn from `spec`."""
+        """Set up for an ensemble that was drawn from `spec`."""
         self._spec, self._ensemble, self._steering = spec, ensemble, steering
         self._birth: Array | None = None
         self._settled: Settled | None = None
 
     def columns(self, quantity: Quantity) -> Columns | None:
-        """Return what they have of a quantity; what is settled at birth is asked for again if
-        births have changed.
+        """Return a quantity of the particles.
+
+        Values that are fixed at birth are read again if births have changed.
         """
         if self._steering is not None:
             birth = self._ensemble.own["birth"].to_numpy()

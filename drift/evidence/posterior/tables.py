@@ -7,7 +7,7 @@ import numpy as np
 
 from drift.evidence.posterior import ranking
 from drift.evidence.posterior.marginal import LEVELS, Marginal
-from drift.evidence.posterior.records import Posteriors, Told
+from drift.evidence.posterior.records import Posteriors, RangedQuantity
 from drift.forecast import likeliest
 from drift.forecast.likeliest import Shown
 from drift.products.files import formats
@@ -33,17 +33,20 @@ HEADER = [
     "run_id",
 ]
 HOUR = 3600.0
-# probability that a scenario has at some time, if quantities are to be told of it by itself
+# a scenario below this probability at all stages has no rows of its own
 LEAST = 0.01
 
 
 def csv(posteriors: Posteriors, run: str) -> str:
-    """Return a row for each update, quantity and scenario, and one for all together; of a category
-    one a value.
+    """Return the CSV of posteriors: a row per update, quantity and scenario, and one for all.
 
-    run: the run_id for the last column. A quantity that means nothing in a scenario has no row
-    there, and a scenario that never has a probability of LEAST none but its own. Times are ISO
-    8601, and their standard deviation is in hours.
+    A category has one row per value. A scenario without a quantity has no row of it, and a scenario
+    that never has a probability of LEAST has no rows. Times are ISO 8601, and their standard
+    deviation is in hours.
+
+    Args:
+        posteriors: of the run.
+        run: the run_id for the last column.
     """
     rows: list[list[Any]] = []
     for stage in posteriors.stages:
@@ -52,7 +55,7 @@ def csv(posteriors: Posteriors, run: str) -> str:
             stage.name,
             stage.kind,
             notation.iso(stage.time),
-            notation.group(stage.time),
+            notation.format_dtg(stage.time),
         ]
         for k, told in enumerate(posteriors.told):
             for row, scenario in _scenarios(posteriors, k):
@@ -64,27 +67,31 @@ def csv(posteriors: Posteriors, run: str) -> str:
     return formats.csv_text(HEADER, rows)
 
 
-def unit(told: Told) -> str:
-    """Return the unit of a quantity in files; of times that of their standard deviation."""
+def unit(told: RangedQuantity) -> str:
+    """Return the unit of a quantity in files; for times, that of their standard deviation."""
     return "h" if told.quantity.kind == "time" else told.quantity.unit
 
 
 def _scenarios(posteriors: Posteriors, k: int) -> list[tuple[int, str]]:
-    """Return row and name of the scenarios in which quantity k means anything, and of all together."""
+    """Return rows and names of the scenarios that have quantity k, and of all together."""
     ever = np.any(
         [np.nan_to_num(stage.marginals[k].share) > 0 for stage in posteriors.stages], axis=0
     )
     ever[:-1] &= np.max([stage.scenarios for stage in posteriors.stages], axis=0) >= LEAST
     names = posteriors.scenarios
-    single = len(names) == 1 or posteriors.told[k].quantity.by_scenario  # then all together say it
+    # the row of all together is then enough
+    single = len(names) == 1 or posteriors.told[k].quantity.by_scenario
     return [(j, name) for j, name in enumerate(names) if ever[j] and not single] + [
         (len(names), ALL)
     ]
 
 
-def _cells(posteriors: Posteriors, told: Told, found: Marginal, row: int) -> list[list[str]]:
-    """Return value, share, mean, std and quantiles of a row of a marginal; of a category a list a
-    value.
+def _cells(
+    posteriors: Posteriors, told: RangedQuantity, found: Marginal, row: int
+) -> list[list[str]]:
+    """Return value, share, mean, std and quantiles of a row of a marginal.
+
+    A category has one such list per value.
     """
     if told.quantity.kind == "category":
         shares = zip(
@@ -105,8 +112,8 @@ def _cells(posteriors: Posteriors, told: Told, found: Marginal, row: int) -> lis
     return [["", _text(found.share[row]), values[0], _text(std), *values[1:]]]
 
 
-def written(posteriors: Posteriors, told: Told, value: float) -> str:
-    """Return a value of a quantity as files have it; empty for none."""
+def written(posteriors: Posteriors, told: RangedQuantity, value: float) -> str:
+    """Return a value of a quantity as text for files; empty if it is NaN."""
     if not math.isfinite(value):
         return ""
     if told.quantity.kind == "time":
@@ -115,12 +122,12 @@ def written(posteriors: Posteriors, told: Told, value: float) -> str:
 
 
 def moment(posteriors: Posteriors, elapsed: float) -> np.datetime64:
-    """Return the time that is so many seconds after the start of the run."""
+    """Return the time at a number of seconds after the start of the run."""
     return posteriors.period.time(round(elapsed))
 
 
 def summary(posteriors: Posteriors) -> dict[str, Any]:
-    """Return what the summary says of posteriors, and of scenarios by rank."""
+    """Return the posteriors and the ranking of scenarios for the summary."""
     ranked = ranking.ranking_of(posteriors)
     return {
         "posteriors": summary_of_posteriors(posteriors),
@@ -129,8 +136,9 @@ def summary(posteriors: Posteriors) -> dict[str, Any]:
 
 
 def summary_of_posteriors(posteriors: Posteriors) -> list[dict[str, Any]]:
-    """Return the distributions of all scenarios together, for the summary; of many scenarios the
-    likeliest and the others as one.
+    """Return the distributions of all scenarios together, for the summary.
+
+    With many scenarios, the unlikely ones are merged into one.
     """
     shown = likeliest.likeliest_scenarios([stage.scenarios for stage in posteriors.stages])
     return [
@@ -148,7 +156,9 @@ def summary_of_posteriors(posteriors: Posteriors) -> list[dict[str, Any]]:
     ]
 
 
-def _numbers(posteriors: Posteriors, told: Told, found: Marginal, shown: Shown) -> dict[str, Any]:
+def _numbers(
+    posteriors: Posteriors, told: RangedQuantity, found: Marginal, shown: Shown
+) -> dict[str, Any]:
     share = {"share": float(found.share[-1]), "ess": float(found.ess[-1])}
     if told.quantity.kind == "category":
         labels, values = told.labels, found.table[-1]
@@ -179,5 +189,5 @@ def _numbers(posteriors: Posteriors, told: Told, found: Marginal, shown: Shown) 
 
 
 def _text(value: float) -> str:
-    """Return a number for CSV; empty for what is unknown."""
+    """Return a number for CSV; empty if it is unknown."""
     return f"{float(value):.7g}" if np.isfinite(value) else ""

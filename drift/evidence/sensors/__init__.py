@@ -1,1 +1,1 @@
-"""What a sensor hears or sees where: the sonar equation, its tables, and POD by place."""
+"""Sensors of a case: the sonar equation and its tables, and tables of POD."""

@@ -1,4 +1,4 @@
-"""A sonar stands in water: one on land is refused."""
+"""Check that sonars are in water."""
 
 from collections.abc import Callable, Iterable
 
@@ -11,12 +11,18 @@ from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
 
-ROUND = 0.05  # [deg] about a sonar in which land is looked for
+ROUND = 0.05  # [deg] half size of the box about a sonar whose land is read
 
 
-def refuse(sensors: Iterable[Sensor], lands: Callable[[Box], Array]) -> None:
-    """Raise UserError, a line for each, for sonars that stand on land; lands: gives its polygons
-    [deg] in a box.
+def check_sonars_in_water(sensors: Iterable[Sensor], lands: Callable[[Box], Array]) -> None:
+    """Reject sonars whose position is on land.
+
+    Args:
+        sensors: of the case.
+        lands: returns the polygons of land [deg] in a box.
+
+    Raises:
+        UserError: with one line per sonar on land.
     """
     wrong = []
     for sensor in sensors:
@@ -26,7 +32,7 @@ def refuse(sensors: Iterable[Sensor], lands: Callable[[Box], Array]) -> None:
         polygons = lands(
             Box(lon - ROUND, max(lat - ROUND, -90.0), lon + ROUND, min(lat + ROUND, 90.0))
         )
-        turns = np.array([-360.0, 0.0, 360.0])  # their longitudes may be written a turn away
+        turns = np.array([-360.0, 0.0, 360.0])  # the polygons may use other longitudes
         if any(
             shapely.contains_xy(polygon, lon + turns, np.full(3, lat)).any() for polygon in polygons
         ):

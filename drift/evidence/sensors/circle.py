@@ -1,6 +1,4 @@
-"""Bearings all round: their order on the circle, bearings that stand twice, and gaps that no table
-may have.
-"""
+"""Bearings of a table: their order on the circle, duplicates, and gaps."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,11 +7,11 @@ from geo.array import Array
 from geo.errors import UserError
 
 WIDEST = 60.0  # [deg] widest gap between neighbours, unless a table says otherwise
-UNEVEN = 2.0  # times the median gap: a wider one is a bearing that was forgotten
-SAME = 1e-3  # [deg] bearings so close are the same: 0 and 360 in single precision
+UNEVEN = 2.0  # times the median gap: in a wider one a bearing is missing
+SAME = 1e-3  # [deg] largest difference of equal bearings: 0 and 360 in single precision
 
 
-def around(
+def close_circle(
     bearing: ArrayLike,
     values: Array,
     axis: int,
@@ -24,10 +22,20 @@ def around(
 ) -> tuple[Array, Array]:
     """Return bearings [rad], ascending in [0, 2 pi), and values in their order along an axis.
 
-    bearing: [deg] in any order, negative or beyond 360. A bearing that stands twice, as 0 and 360
-    do, must have values that are the same to within `agree` (in `unit`), and is kept once. One
-    bearing alone means the same all round. widest: gap [deg] between neighbours that is allowed.
-    Raises UserError where the bearings leave a gap, starting with `name`.
+    A single bearing holds all round.
+
+    Args:
+        bearing: in any order, negative or beyond 360 [deg]. A duplicate, such as 0 and 360, is kept
+            once; its values must agree.
+        values: of the table.
+        axis: of `values` along which the bearings lie.
+        name: start of error messages.
+        agree: largest difference between the values of a duplicate.
+        unit: of the values, for messages.
+        widest: largest gap between neighbours [deg].
+
+    Raises:
+        UserError: missing bearings, a gap, or a duplicate with different values.
     """
     degrees = np.asarray(bearing, np.float64)
     if not np.isfinite(degrees).all():
@@ -61,8 +69,15 @@ def around(
 
 
 def check_gaps(bearing: Array, name: str, widest: float = WIDEST) -> None:
-    """Refuse bearings [deg], ascending in [0, 360), that do not close the circle; one alone means
-    all round.
+    """Reject bearings that do not close the circle; a single one holds all round.
+
+    Args:
+        bearing: ascending in [0, 360) [deg].
+        name: start of error messages.
+        widest: largest gap between neighbours [deg].
+
+    Raises:
+        UserError: a wider gap, or one above twice the median gap.
     """
     if bearing.size == 1:
         return

@@ -1,5 +1,6 @@
-"""Probability of detection by place, looked up where particles are, and laid out for what moves
-past (kernels.evidence.glimpse).
+"""Probability of detection from a table: interpolated at particles, and as tables for kernels.
+
+The kernels are those of kernels.evidence.glimpse, which move particles past the sensor.
 """
 
 import math
@@ -14,13 +15,13 @@ from geo.array import Array
 from kernels.evidence import glimpse
 from kernels.evidence.glimpse import Pods
 
-MOST_RINGS = 4000  # ranges to which a table is laid out
-# of a table with uneven ranges, or bearings: its corners lie anywhere
+MOST_RINGS = 4000  # most ranges of a resampled table
+# fewest ranges and bearings for a table with uneven ones, whose corners lie between even points
 LEAST_RINGS, LEAST_RAYS = 200, 720
 
 
 def pod_at(grid: PodGrid, time: np.datetime64) -> Array:
-    """Return its table (lat, lon) or (b, r) at a time, straight between the times that are given."""
+    """Return the table (lat, lon) or (b, r) at a time, interpolated linearly between its times."""
     if not grid.times.size:
         return np.asarray(grid.pod[0])
     known = np.array([float(notation.epoch(moment)) for moment in grid.times])
@@ -35,8 +36,14 @@ def pod_at(grid: PodGrid, time: np.datetime64) -> Array:
 def chance(
     grid: PodGrid, place: tuple[float, float], time: np.datetime64, lon: Array, lat: Array
 ) -> Array:
-    """Return the probability of detection at (lon, lat) [rad] (n,) by a sensor at a place [rad] at
-    a time.
+    """Return the probability of detection at positions, shape (n,).
+
+    Args:
+        grid: the table.
+        place: position of the sensor (lon, lat) [rad].
+        time: of the look.
+        lon: longitudes [rad], shape (n,).
+        lat: latitudes [rad], shape (n,).
     """
     table = pod_at(grid, time)
     if grid.range is not None:
@@ -58,8 +65,12 @@ def chance(
 
 
 def tables(grid: PodGrid, time: np.datetime64, lasting: float) -> Pods:
-    """Return what a kernel takes of it at a time; lasting [s]: of the watch, for which POD without
-    a time of its own is there.
+    """Return the table at a time in the form that kernels take.
+
+    Args:
+        grid: the table.
+        time: of the table.
+        lasting: duration of the watch [s], for which a POD without its own duration holds.
     """
     table, rate = pod_at(grid, time), 1 / (lasting if math.isnan(grid.per) else grid.per)
     if grid.range is not None:
@@ -97,7 +108,7 @@ def tables(grid: PodGrid, time: np.datetime64, lasting: float) -> Pods:
 
 
 def _even(ranges: Array) -> Array:
-    """Return ranges [m] evenly spaced, as fine as those of a table; at most MOST_RINGS."""
+    """Return evenly spaced ranges [m], as fine as those of a table; at most MOST_RINGS."""
     if len(ranges) == 1:
         return np.array([ranges[0], ranges[0] + 1.0])
     gaps = np.diff(ranges)
@@ -108,7 +119,7 @@ def _even(ranges: Array) -> Array:
 
 
 def _polar(table: Array, bearing: Array, ranges: Array, east: Array, north: Array) -> Array:
-    """Return a table's (b, r) values at (east, north) [m]; beyond its last range there is nothing."""
+    """Return the values of a table (b, r) at (east, north) [m]; 0 beyond its last range."""
     far, turned = np.hypot(east, north), np.mod(np.arctan2(east, north), TURN)
     ring = np.interp(far, ranges, np.arange(len(ranges)))
     k = np.minimum(ring.astype(int), max(len(ranges) - 2, 0))

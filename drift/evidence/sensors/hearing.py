@@ -1,8 +1,7 @@
-"""A passive sonar at a place and time: its tables laid out evenly, and its signal excess by bearing
-and range.
+"""A passive sonar at a position and time: even tables, and signal excess by bearing and range.
 
-The tables are those of kernels.evidence.listen, which moves particles past them; here they are
-asked for places of one time.
+The tables are those of kernels.evidence.listen, which moves particles past the sonar; here they are
+evaluated for positions at one time.
 """
 
 import math
@@ -18,26 +17,27 @@ from geo.array import Array
 from kernels.evidence.listen import Tables
 
 TURN = 2 * math.pi
-MOST_RAYS = 720  # bearings to which losses are laid out
-# where none hold those of a table: of a peak of 10 dB in 30 degrees, straight lines cut off 0.1 dB
+MOST_RAYS = 720  # most bearings of even loss tables
+# used if no smaller number contains the bearings of a table: linear interpolation lowers a peak of
+# 10 dB in 30 degrees by 0.1 dB
 FINE_RAYS = 360
-FINEST = 100.0  # [m] between ranges to which losses are laid out
-MOST_SIDES = 7200  # bearings to which gains are laid out
-FINE_SIDES = 3600  # and at the least, where they are not the same all round
-# standard deviations of the fluctuation by which it is too far to be heard: once in 10^9 draws
+FINEST = 100.0  # [m] smallest spacing of ranges of even loss tables
+MOST_SIDES = 7200  # most bearings of even gain tables
+FINE_SIDES = 3600  # fewest bearings, unless gains are the same all round
+# a signal excess below minus so many standard deviations is inaudible: once in 10^9 draws
 SILENT = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class Ear:
-    """A sonar that listens by some of its beams."""
+class Receiver:
+    """A sonar with the beams that are processed."""
 
     sonar: Sonar
     beams: tuple[int, ...] = ()  # numbers of the beams that are processed, from 0; (): all
 
     @cached_property
     def gain(self) -> Array:
-        """Its gain [dB] by relative bearing, the best of the beams (b,)."""
+        """The gain [dB] by relative bearing, the best of the beams (b,)."""
         gain: Gain = self.sonar.gain
         return np.asarray(
             np.max(gain.beams[list(self.beams)] if self.beams else gain.beams, axis=0)
@@ -45,7 +45,7 @@ class Ear:
 
     @cached_property
     def ranges(self) -> Array:
-        """The ranges [m] to which losses are laid out, evenly, as far as anything can be heard."""
+        """The even ranges [m] of loss tables, as far as any target is audible."""
         own = self.sonar
         far = own.losses.range
         if len(far) < 2:
@@ -70,8 +70,9 @@ class Ear:
 
     @cached_property
     def _sides(self) -> int:
-        """How many bearings gains are laid out to: a heading turns the array's between those of the
-        noise.
+        """The number of bearings of gain tables.
+
+        The heading of the array puts its bearings between those of the noise.
         """
         every = self.sonar.gain.bearing, self.sonar.noise.bearing
         gaps = [np.diff(own, append=own[0] + TURN).min() for own in every]
@@ -82,8 +83,13 @@ class Ear:
         )
 
     def tables(self, lon: float, lat: float, heading: float, time: np.datetime64) -> Tables:
-        """Return what a kernel takes of it at a place [rad], with its array on a heading [rad], at
-        a time.
+        """Return the tables of the sonar in the form that kernels take.
+
+        Args:
+            lon: longitude of the sonar [rad].
+            lat: latitude of the sonar [rad].
+            heading: of its array, true [rad].
+            time: of the noise.
         """
         own, ranges = self.sonar, self.ranges
         rays = even(own.losses.bearing, MOST_RAYS)
@@ -104,14 +110,12 @@ class Ear:
         )
 
     def laid_out(self, loss: Array, rays: int) -> Array:
-        """Return losses (b, r) laid out evenly (rays, rings)."""
+        """Return losses (b, r) resampled at even bearings and ranges (rays, rings)."""
         by_range = _along(self.ranges, self.sonar.losses.range, loss)
         return round_circle(np.arange(rays) * TURN / rays, self.sonar.losses.bearing, by_range)
 
     def noise(self, time: np.datetime64) -> Array:
-        """Return the noise [dB] by bearing at a time, straight between the times that are given
-        (b,).
-        """
+        """Return the noise [dB] by bearing at a time (b,), interpolated between its times."""
         own = self.sonar.noise
         if not own.times.size:
             return np.asarray(own.level[0])
@@ -126,9 +130,7 @@ class Ear:
         )
 
     def change(self, begin: np.datetime64, end: np.datetime64) -> float:
-        """Return by how much the noise changes from one time to another at the most, up and down
-        [dB].
-        """
+        """Return the largest total variation of the noise over bearings between two times [dB]."""
         known = self.sonar.noise.times
         times = [begin, *known[(known > begin) & (known < end)], end]
         every = np.array([self.noise(time) for time in times])
@@ -136,8 +138,11 @@ class Ear:
 
 
 def even(bearings: Array, most: int) -> int:
-    """Return how many bearings, evenly round the circle, hold all of a table's or are much finer;
-    at most so many.
+    """Return the number of even bearings that contain all of a table's, or are much finer.
+
+    Args:
+        bearings: of the table [rad], ascending.
+        most: largest number.
     """
     if len(bearings) == 1:
         return 1
@@ -147,10 +152,9 @@ def even(bearings: Array, most: int) -> int:
 
 
 def _holding(shares: Array, least: int, most: int) -> int:
-    """Return the first number of equal parts of 1, least to most, whose ends are all of some shares
-    of it; else most.
+    """Return the first number of equal parts of 1 whose ends contain all `shares`; else `most`.
 
-    Straight lines between other points than a table's would cut off its peaks.
+    Linear interpolation between other points than a table's would lower its peaks.
     """
     count = np.arange(least, most + 1)
     place = shares[:, None] * count
@@ -159,8 +163,15 @@ def _holding(shares: Array, least: int, most: int) -> int:
 
 
 def round_circle(at: Array, bearings: Array, values: Array) -> Array:
-    """Return values (b, ...) at bearings [rad] (k,), straight between those of a table (b,) all
-    round the circle.
+    """Return values at bearings, interpolated linearly round the circle.
+
+    Args:
+        at: bearings [rad], shape (k,).
+        bearings: of the table [rad], ascending in [0, 2 pi), shape (b,).
+        values: of the table, shape (b, ...).
+
+    Returns:
+        Values, shape (k, ...).
     """
     if len(bearings) == 1:
         return np.repeat(values[:1], len(at), axis=0)
@@ -174,25 +185,34 @@ def round_circle(at: Array, bearings: Array, values: Array) -> Array:
 
 
 def _along(ranges: Array, known: Array, loss: Array) -> Array:
-    """Return losses (b, k) at ranges (k,), straight between those that are known (r,)."""
+    """Return losses (b, k) at ranges (k,), interpolated linearly between known ranges (r,)."""
     if len(known) == len(ranges) and np.allclose(known, ranges, rtol=1e-9):
         return loss
     return np.stack([np.interp(ranges, known, row) for row in loss])
 
 
 def excess(tables: Tables, east: Array, north: Array) -> Array:
-    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from the sonar, any
-    shape; -inf: too far.
+    """Return the signal excess [dB] of a source of 0 dB; -inf: beyond the table.
+
+    Args:
+        tables: of the sonar.
+        east: offset from the sonar [m], any shape.
+        north: offset from the sonar [m], same shape.
     """
     arrives, gain = terms(tables, east, north)
     return np.asarray(arrives + gain)
 
 
 def terms(tables: Tables, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return the level [dB] at which a source of 0 dB at (east, north) [m] arrives, -inf: too far,
-    and gain - noise - threshold.
+    """Return the two terms of the signal excess of a source of 0 dB.
 
-    Together they are its signal excess.
+    Args:
+        tables: of the sonar.
+        east: offset from the sonar [m], any shape.
+        north: offset from the sonar [m], same shape.
+
+    Returns:
+        The level that arrives [dB], -inf beyond the table, and gain - noise - threshold [dB].
     """
     far, bearing = np.hypot(east, north), np.arctan2(east, north)
     rings = tables.losses.shape[1]
@@ -207,8 +227,9 @@ def terms(tables: Tables, east: Array, north: Array) -> tuple[Array, Array]:
 
 
 def _round(table: Array, bearing: Array, column: Array) -> Array:
-    """Return a table's (sides, columns) values at bearings [rad] and columns, straight between its
-    even bearings.
+    """Return the values of a table (sides, columns) at bearings [rad] and columns.
+
+    Values are interpolated linearly between its even bearings.
     """
     many = len(table)
     place = np.mod(bearing / TURN, 1.0) * many
@@ -218,7 +239,13 @@ def _round(table: Array, bearing: Array, column: Array) -> Array:
 
 
 def level(sonar: Sonar, scenario: Array, speed: Array) -> Array:
-    """Return the source level [dB] of scenarios at speeds [m/s], both (n,)."""
+    """Return source levels [dB], shape (n,).
+
+    Args:
+        sonar: with levels by scenario and speed.
+        scenario: number of the scenario, shape (n,).
+        speed: over ground [m/s], shape (n,).
+    """
     own = sonar.levels
     k = np.clip(np.searchsorted(own.speed, speed, side="right") - 1, 0, max(len(own.speed) - 2, 0))
     after = np.minimum(k + 1, len(own.speed) - 1)
@@ -227,8 +254,8 @@ def level(sonar: Sonar, scenario: Array, speed: Array) -> Array:
     return np.asarray((1 - share) * own.level[scenario, k] + share * own.level[scenario, after])
 
 
-def over(
-    ear: Ear,
+def signal_excess_of_sources(
+    ear: Receiver,
     place: tuple[float, float],
     heading: float,
     time: np.datetime64,
@@ -236,15 +263,23 @@ def over(
     lat: Array,
     source: Array,
 ) -> Array:
-    """Return the signal excess [dB] of sources (n,) [dB] at (lon, lat) [rad] (n,) heard at a place
-    [rad] at a time.
+    """Return the signal excess [dB] of sources, shape (n,).
+
+    Args:
+        ear: the sonar.
+        place: its position (lon, lat) [rad].
+        heading: of its array, true [rad].
+        time: of the noise.
+        lon: longitudes of the sources [rad], shape (n,).
+        lat: latitudes of the sources [rad], shape (n,).
+        source: source levels [dB], shape (n,).
     """
     way = sphere.offset(*place, lon, lat)
     return np.asarray(excess(ear.tables(*place, heading, time), *way) + source)
 
 
-def chance(sonar: Sonar, over: Array) -> Array:
-    """Return the probability of being heard at once, of signal excesses [dB], any shape."""
-    from scipy import special  # imported here: few cases ask, and it takes a third of a second
+def instantaneous_pod(sonar: Sonar, over: Array) -> Array:
+    """Return the probability of instantaneous detection by signal excess [dB], any shape."""
+    from scipy import special  # imported here: few cases need it, and it takes a third of a second
 
     return np.asarray(special.ndtr(over / sonar.fluctuation))

@@ -1,12 +1,12 @@
-"""Array gain by relative bearing: of a line of equal elements by theory, or of a table.
+"""Array gain by relative bearing: theory of a line of equal elements, or a table.
 
-A line of n elements a spacing d apart, summed with delays for a steering angle s from its axis,
-answers a plane wave from the angle a by AF = sin(n x / 2) / (n sin(x / 2)), x = k d (cos a - cos
-s), k = 2 pi f / c. In isotropic noise its gain in the steering direction is the directivity index
-DI = 10 log10(n^2 / sum over all pairs of cos(x_s (i - j)) sinc(k d (i - j))), x_s = k d cos s
+A line of n elements with spacing d, summed with delays for a steering angle s from its axis, has
+for a plane wave from the angle a the response AF = sin(n x / 2) / (n sin(x / 2)), x = k d (cos a -
+cos s), k = 2 pi f / c. In isotropic noise its gain in the steering direction is the directivity
+index DI = 10 log10(n^2 / sum over all pairs of cos(x_s (i - j)) sinc(k d (i - j))), x_s = k d cos s
 (Urick 1983, Principles of Underwater Sound, chapter 3; Van Trees 2002, Optimum Array Processing,
-section 2.6). Its gain elsewhere is DI + 20 log10 |AF|. Sound is taken to come in the array's plane,
-and noise from all of the sphere.
+section 2.6). Its gain elsewhere is DI + 20 log10 |AF|. Sound is assumed to arrive in the horizontal
+plane of the array, and noise from all of the sphere.
 """
 
 import math
@@ -22,16 +22,16 @@ from geo.array import Array
 from geo.errors import UserError
 
 SPEED = 1500.0  # [m/s]
-# [dB] lowest gain, from the beam's peak; what leaks into a real array is higher than theory's nulls
+# [dB] lowest gain relative to the beam's peak; leakage in a real array fills the nulls of theory
 FLOOR = -40.0
 # wavelengths by aperture: width in cos(a) of a long line's beam between its points of -3 dB
 HALF_POWER = 0.886
-# of n x / 2 from bearing to bearing: straight lines err by 0.07 dB at 20 dB below a long line's
-# peak
+# largest step of n x / 2 between bearings: linear interpolation errs by 0.07 dB at 20 dB below a
+# long line's peak
 STEP = 0.07
-MOST_VALUES = 25_000_000  # of a table of beams and bearings, 100 MB
+MOST_VALUES = 25_000_000  # values of a table of beams and bearings, 100 MB
 MOST_ELEMENTS = 2000
-AGREE = 0.1  # [dB] between bearings that stand twice in a table
+AGREE = 0.1  # [dB] largest difference between duplicate bearings of a table
 PLAUSIBLE = (-100.0, 80.0)  # [dB] gains of a table
 
 
@@ -48,17 +48,28 @@ def of_line(
 ) -> Gain:
     """Return the gain of a line array of equal elements.
 
-    spacing [m] between neighbours; frequency [Hz]; sound_speed [m/s]; floor [dB] below each beam's
-    peak. Beams are steered from dead ahead to dead astern, equally spaced in the cosine, or at
-    `steered` relative bearings [rad]. Without a number there are as many as it takes for neighbours
-    to cross at -3 dB or higher: 1.13 n at half a wavelength (n orthogonal beams cross at -3.9 dB).
-    As a line cannot tell port from starboard the gain is mirrored. Linear interpolation between its
-    bearings errs by less than 0.1 dB within 20 dB of a peak.
+    Neighbouring beams cross at -3 dB or higher if their number is not given: 1.13 n beams at half a
+    wavelength (n orthogonal beams cross at -3.9 dB). Since a line cannot tell port from starboard,
+    the gain is mirrored. Linear interpolation between its bearings errs by less than 0.1 dB within
+    20 dB of a peak.
+
+    Args:
+        elements: number of elements.
+        spacing: between neighbours [m].
+        frequency: of the sound [Hz].
+        sound_speed: [m/s].
+        beams: number of beams, equally spaced in the cosine from dead ahead to dead astern.
+        steered: relative bearings of the beams [rad], instead of `beams`.
+        floor: lowest gain relative to each beam's peak [dB].
+        name: start of error messages.
+
+    Raises:
+        UserError: a value out of range, or a table that would be too large.
     """
     _check(elements, spacing, frequency, sound_speed, floor, name)
     kd = 2.0 * math.pi * frequency / sound_speed * spacing
     cosines = _steering(elements, kd, beams, steered, name)
-    step = STEP * np.sinc(1.0 / elements)  # a short line's nulls are steeper at that level
+    step = STEP * np.sinc(1.0 / elements)  # a short line has steeper nulls at that level
     half = max(90, math.ceil(math.pi * elements * kd / 2.0 / step))  # bearings of a half circle
     if 2 * half * len(cosines) > MOST_VALUES:
         raise UserError(
@@ -78,8 +89,12 @@ def of_line(
 
 
 def directivity(elements: int, kd: float, cosine: float) -> float:
-    """Return the directivity index [dB] of a line steered to an angle of this cosine; kd: 2 pi
-    spacing / wavelength.
+    """Return the directivity index [dB] of a line array.
+
+    Args:
+        elements: number of elements.
+        kd: 2 pi spacing / wavelength.
+        cosine: of the steering angle from the axis.
     """
     m = np.arange(1, elements)
     pairs = (elements - m) * np.sinc(m * kd / np.pi) * np.cos(m * kd * cosine)
@@ -93,10 +108,16 @@ def of_table(
     mirrored: bool = False,
     name: str = "array",
 ) -> Gain:
-    """Return the gain of a table of [relative bearing in degrees, gain in dB], one beam.
+    """Return the gain of a table with one beam.
 
-    symmetric: the rows go from 0 to 180 degrees and hold on either side; mirrored: the array cannot
-    tell these sides apart. Refuses bearings that do not close the circle.
+    Args:
+        rows: [relative bearing in degrees, gain in dB].
+        symmetric: whether the rows go from 0 to 180 degrees and hold on either side.
+        mirrored: whether the array cannot tell port from starboard.
+        name: start of error messages.
+
+    Raises:
+        UserError: values missing or out of range, or bearings that do not close the circle.
     """
     table = np.array([list(row) for row in rows if len(row) == 2], np.float64).reshape(-1, 2)
     if len(table) != len(rows) or not len(rows):
@@ -116,12 +137,12 @@ def of_table(
         )
     if symmetric:
         bearing, gain = _both_sides(bearing, gain, name)
-    radians, gain = circle.around(bearing, gain, 0, name, AGREE, "dB")
+    radians, gain = circle.close_circle(bearing, gain, 0, name, AGREE, "dB")
     return Gain(radians, gain[None].astype(np.float32), np.array([math.nan]), mirrored)
 
 
 def _both_sides(bearing: Array, gain: Array, name: str) -> tuple[Array, Array]:
-    """Return a half circle's rows and their mirror images."""
+    """Return the rows of a half circle with their mirror images."""
     if bearing.min() < -circle.SAME or bearing.max() > 180.0 + circle.SAME:
         worst = bearing.min() if bearing.min() < 0 else bearing.max()
         raise UserError(
@@ -139,7 +160,7 @@ def _both_sides(bearing: Array, gain: Array, name: str) -> tuple[Array, Array]:
 def _steering(
     elements: int, kd: float, beams: int | None, steered: Sequence[float] | None, name: str
 ) -> NDArray[np.float64]:
-    """Return the cosines of the angles to which beams are steered."""
+    """Return the cosines of the steering angles of beams."""
     if steered is not None:
         given = np.asarray(steered, np.float64).reshape(-1)
         if not given.size or not np.isfinite(given).all():
@@ -153,7 +174,7 @@ def _steering(
         raise UserError(
             f"{name}: {beams} beams; allowed are 1 to {10 * MOST_ELEMENTS:,}: set beams"
         )
-    return np.linspace(1.0, -1.0, beams) if beams > 1 else np.zeros(1)  # one alone looks abeam
+    return np.linspace(1.0, -1.0, beams) if beams > 1 else np.zeros(1)  # a single beam looks abeam
 
 
 def _check(

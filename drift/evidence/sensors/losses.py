@@ -1,8 +1,7 @@
-"""Transmission loss by bearing and range from a netCDF file, and that at a position between its
-places.
+"""Transmission loss by bearing and range from a netCDF file, and its interpolation in space.
 
-The file has a variable in dB over range, and optionally bearing and places; see `table_file` for
-what it may look like.
+The file has a variable in dB over range, and optionally over bearing and places; `table_file`
+describes the accepted files.
 """
 
 import os
@@ -26,10 +25,10 @@ from geo.errors import UserError
 from geo.grids import naming
 
 MEANT = re.compile(r"transmission.?loss|propagation.?loss|^(tl|pl|loss|losses)$", re.I)
-LEAST_LARGEST = 20.0  # [dB] largest loss of a table: at 10 m from a source it is that much already
-MOST = 500.0  # [dB] beyond which a loss is taken for a fill value
-# [dB] between the bearings 0 and 360, which both may stand in a file: two steps of a packed
-# hundredth
+LEAST_LARGEST = 20.0  # [dB] a table's largest loss is at least that: the loss at 10 m
+MOST = 500.0  # [dB] a larger loss is taken for a fill value
+# [dB] largest difference between the bearings 0 and 360 if a file has both: two steps of values
+# packed to a hundredth
 AGREE = 0.02
 REMEDY = "mend its attribute units, or set variable to that of the transmission loss"
 
@@ -46,9 +45,15 @@ def read_losses(
 ) -> Losses:
     """Return the losses of a netCDF file.
 
-    variable: that of the loss, where the file leaves it open; select: the value of each further
-    dimension that has several (depth, frequency); units: of variables whose attribute is absent or
-    wrong; name: with which messages start, else that of the file. Raises UserError in one line.
+    Args:
+        path: of the file.
+        variable: name of the loss, if the file has several candidates.
+        select: value of each further dimension with several values (depth, frequency).
+        units: units by variable, if its attribute is absent or wrong.
+        name: start of error messages, by default the name of the file.
+
+    Raises:
+        UserError: the file has no valid losses, in one line.
     """
     asked = table_file.asked_for(path, name, variable, select, units)
     with table_file.open_table(path) as data:
@@ -76,7 +81,7 @@ def read_losses(
         REMEDY,
     )
     _check_losses(table, labels, asked.name)
-    radians, table = circle.around(bearing, table, 1, asked.name, AGREE, "dB")
+    radians, table = circle.close_circle(bearing, table, 1, asked.name, AGREE, "dB")
     losses = Losses(radians, metres, np.ascontiguousarray(table, np.float32), lon, lat, asked.name)
     if len(lon) > 1:
         _joined[losses] = places.join(lon, lat, asked.name)
@@ -84,9 +89,14 @@ def read_losses(
 
 
 def between(losses: Losses, lon: float, lat: float) -> NDArray[np.float32]:
-    """Return the table (b, r) [dB] at a position [rad], interpolated between the places of losses.
+    """Return the table (b, r) [dB] at a position, interpolated between the places of losses.
 
-    That of the place where there is one or none; see `places` for how several are joined.
+    With at most one place it is the table of that place; see `places` for several.
+
+    Args:
+        losses: of a file.
+        lon: longitude [rad].
+        lat: latitude [rad].
     """
     if len(losses.loss) == 1:
         only: NDArray[np.float32] = losses.loss[0]
@@ -100,8 +110,12 @@ def between(losses: Losses, lon: float, lat: float) -> NDArray[np.float32]:
 
 
 def weights(losses: Losses, lon: float, lat: float) -> places.Weights:
-    """Return the numbers of the places whose losses hold at a position [rad], and their weights; of
-    one, or of up to three.
+    """Return the numbers of the places nearest to a position, and their weights: one to three.
+
+    Args:
+        losses: of a file.
+        lon: longitude [rad].
+        lat: latitude [rad].
     """
     if len(losses.loss) == 1:
         return np.zeros(1, np.int64), np.ones(1)
@@ -112,8 +126,9 @@ def weights(losses: Losses, lon: float, lat: float) -> places.Weights:
 
 
 def _places(found: Found) -> tuple[Array, Array, list[str]]:
-    """Return lon, lat (p,) [rad] of a table's places, none without any, and the dimensions along
-    which they lie.
+    """Return lon, lat [rad] of a table's places (p,), and the dimensions along which they lie.
+
+    Both are empty for a table without places.
     """
     data, name = found.data, found.name
     free = [str(d) for d in data[found.variable].dims if d not in found.kinds.values()]
@@ -132,7 +147,7 @@ def _places(found: Found) -> tuple[Array, Array, list[str]]:
             )
         return np.empty(0), np.empty(0), []
     pair = (data[n].reset_coords(drop=True) for n in (lon_name, lat_name))
-    lon, lat = xr.broadcast(*pair)  # places of a grid have them along dimensions of their own
+    lon, lat = xr.broadcast(*pair)  # on a grid, each has its own dimension
     dims = [d for d in free if d in lon.dims]
     x, y = (np.ravel(np.asarray(v.transpose(*dims).values, np.float64)) for v in (lon, lat))
     bad = ~(np.isfinite(x) & np.isfinite(y)) | (np.abs(y) > 90.0) | (np.abs(x) > 720.0)
@@ -150,7 +165,7 @@ def _places(found: Found) -> tuple[Array, Array, list[str]]:
 def _coordinate(
     data: xr.Dataset, free: list[str], pattern: Any, units: Any, standard: str
 ) -> str | None:
-    """Return the name of the longitudes or latitudes of places, None without any."""
+    """Return the name of the longitudes or latitudes of places, None if there are none."""
     best, highest = None, 0
     for name in map(str, data.variables):
         variable = data[name]
@@ -163,14 +178,14 @@ def _coordinate(
             + 2 * bool(units.match(str(variable.attrs.get("units", "")).strip()))
             + bool(pattern.match(name))
         )
-        score += 8 * (score > 0 and variable.ndim > 0)  # those along a dimension before one for all
+        score += 8 * (score > 0 and variable.ndim > 0)  # prefer coordinates along a dimension
         if score > highest:
             best, highest = name, score
     return best
 
 
 def _check_apart(lon: Array, lat: Array, name: str) -> None:
-    """Refuse a place that stands twice."""
+    """Reject duplicate places."""
     if len(lon) < 2:
         return
     points = np.stack(sphere.vector(lon, lat), axis=1)
@@ -185,7 +200,7 @@ def _check_apart(lon: Array, lat: Array, name: str) -> None:
 
 
 def _check_losses(table: Array, labels: Sequence[Label], name: str) -> None:
-    """Refuse losses whose sign is reversed, negative ones, and numbers that are no decibels."""
+    """Reject negative losses, reversed signs, and values that are not decibels."""
     if table.max() <= 0.0 and table.min() < 0.0:
         raise UserError(
             f"{name}: all losses are negative, {table.min():.4g} to {table.max():.4g} dB: their sign is reversed; a loss is "

@@ -15,21 +15,29 @@ from geo.errors import UserError
 
 MEANT = re.compile(r"noise|ambient|^(nl|level)$", re.I)
 LEAST, MOST = 0.0, 200.0  # [dB re 1 uPa^2/Hz, or in a band]
-AGREE = 0.1  # [dB] between the bearings 0 and 360, which both may stand in a table
+AGREE = 0.1  # [dB] largest difference between the bearings 0 and 360 if a table has both
 NONE = np.empty(0, "datetime64[s]")
 QUARTER = 90.0  # [deg] widest gap between bearings: noise is often known by quarters of the horizon
 REMEDY = "mend its attribute units, or set variable to that of the noise"
 
 
 def constant(level: float, *, name: str = "noise") -> Noise:
-    """Return noise of one level [dB], everywhere and always."""
+    """Return noise of one level [dB] for all bearings and times."""
     table = np.full((1, 1), level, np.float64)
     _check_levels(table, (), name)
     return Noise(np.zeros(1), table.astype(np.float32), NONE)
 
 
 def of_table(rows: Sequence[Sequence[float]], *, name: str = "noise") -> Noise:
-    """Return noise from a table of [true bearing in degrees, level in dB]; one row holds all round."""
+    """Return noise from a table; a single row holds all round.
+
+    Args:
+        rows: [true bearing in degrees, level in dB].
+        name: start of error messages.
+
+    Raises:
+        UserError: values missing or out of range, or bearings that do not close the circle.
+    """
     pairs = np.array([list(row) for row in rows if len(row) == 2], np.float64).reshape(-1, 2)
     if len(pairs) != len(rows) or not len(rows):
         raise UserError(
@@ -37,7 +45,7 @@ def of_table(rows: Sequence[Sequence[float]], *, name: str = "noise") -> Noise:
         )
     bearing, level = pairs.T
     _check_levels(level, (("bearing", bearing, " deg"),), name)
-    radians, table = circle.around(bearing, level[None], 1, name, AGREE, "dB", QUARTER)
+    radians, table = circle.close_circle(bearing, level[None], 1, name, AGREE, "dB", QUARTER)
     return Noise(radians, table.astype(np.float32), NONE)
 
 
@@ -49,8 +57,9 @@ def read_noise(
     units: Mapping[str, str] | None = None,
     name: str | None = None,
 ) -> Noise:
-    """Return the noise of a netCDF file over bearing, and optionally time; the keys are those of
-    `losses.read`.
+    """Return the noise of a netCDF file over bearing, and optionally time.
+
+    The arguments are those of `losses.read_losses`.
     """
     asked = table_file.asked_for(path, name, variable, select, units)
     with table_file.open_table(path) as data:
@@ -64,12 +73,12 @@ def read_noise(
     table_values.check_whole(table, labels, asked.name)
     table_values.check_decibels(table, unit, MOST, LEAST, "noise level", asked.name, REMEDY)
     _check_levels(table, labels, asked.name)
-    radians, table = circle.around(bearing, table, 1, asked.name, AGREE, "dB", QUARTER)
+    radians, table = circle.close_circle(bearing, table, 1, asked.name, AGREE, "dB", QUARTER)
     return Noise(radians, np.ascontiguousarray(table, np.float32), when)
 
 
 def _check_levels(table: Array, labels: Sequence[Label], name: str) -> None:
-    """Refuse levels that no noise has."""
+    """Reject levels out of range."""
     wrong = ~((table >= LEAST) & (table <= MOST))
     if wrong.any():
         place = f" at {table_values.where(wrong, labels)}" if labels else ""

@@ -1,9 +1,9 @@
-"""Weights of places at a position: the three round it, or the two nearest on the edge of all.
+"""Interpolation weights of places at a position.
 
 Weights are linear on Delaunay's triangles in the azimuthal equidistant plane about the middle of
-the places, add up to 1, and are continuous everywhere but at the antipode of that middle. Beyond
-the places they are those of the nearest point of their hull in the plane; nothing is extrapolated.
-Places in a line, as two always are, are interpolated along it.
+the places, add up to 1, and are continuous everywhere except at the antipode of that middle.
+Outside the places, the weights are those of the nearest point of their hull in the plane; nothing
+is extrapolated. Places on a line, as two always are, are interpolated along it.
 """
 
 import math
@@ -18,28 +18,35 @@ from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
 
-SAME = 100.0  # [m] places closer than this are the same one twice
-THIN = 0.02  # width of places in share of their length up to which they lie in a line
+SAME = 100.0  # [m] closer places are duplicates
+THIN = 0.02  # largest width over length of places that lie on a line
 Weights = tuple[NDArray[np.int64], Array]  # places (k,) and their weights (k,), which add up to 1
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places in a plane, and what joins them: triangles, or a line."""
+    """Places in a plane, joined by triangles or a line."""
 
     lon: float  # [rad] middle of the plane
     lat: float
     plane: Array  # (p, 2) [m] east and north
     mesh: Any = None  # Delaunay's triangles; None: a line
     hull: NDArray[np.int64] | None = None  # (h, 2) places at the ends of each edge of the hull
-    order: NDArray[np.int64] | None = None  # (p,) places in their order along the line
-    along: Array | None = None  # (p,) [m] ascending, of the places in this order
+    order: NDArray[np.int64] | None = None  # (p,) places in order along the line
+    along: Array | None = None  # (p,) [m] positions along the line, in this order, ascending
     direction: Array | None = None  # (2,) unit vector of the line
 
 
 def join(lon: Array, lat: Array, name: str) -> Places:
-    """Return what joins at least two places [rad]; refuses those that are the same or all round the
-    Earth.
+    """Return at least two places joined by triangles or a line.
+
+    Args:
+        lon: longitudes [rad], shape (p,).
+        lat: latitudes [rad], shape (p,).
+        name: start of error messages.
+
+    Raises:
+        UserError: the places surround the Earth, or one is too close to others.
     """
     x, y, z = (float(v.mean()) for v in sphere.vector(lon, lat))
     if math.sqrt(x * x + y * y + z * z) < 1e-3:
@@ -57,7 +64,7 @@ def join(lon: Array, lat: Array, name: str) -> Places:
         offset = float(plane.mean(axis=0) @ direction)
         return Places(*middle, plane, order=order, along=along[order] + offset, direction=direction)
     mesh = Delaunay(plane)
-    # a place that the triangles leave out would not be met at its own position
+    # if the triangles left out a place, its table would not hold at its own position
     if mesh.coplanar.size:
         k = int(mesh.coplanar[0, 0])
         raise UserError(
@@ -67,7 +74,13 @@ def join(lon: Array, lat: Array, name: str) -> Places:
 
 
 def weights(places: Places, lon: float, lat: float) -> Weights:
-    """Return places and their weights at a position [rad]."""
+    """Return the places to interpolate between, and their weights.
+
+    Args:
+        places: joined places.
+        lon: longitude of the position [rad].
+        lat: latitude of the position [rad].
+    """
     east, north = sphere.offset(places.lon, places.lat, lon, lat)
     point = np.array([float(east), float(north)])
     if places.mesh is None:
@@ -76,7 +89,7 @@ def weights(places: Places, lon: float, lat: float) -> Weights:
     if triangle < 0:
         return _nearest(places, point)
     transform = places.mesh.transform[triangle]
-    if not np.isfinite(transform).all():  # a sliver without an area
+    if not np.isfinite(transform).all():  # a triangle without area
         return _nearest(places, point)
     two = transform[:2] @ (point - transform[2])
     share = np.clip(np.array([two[0], two[1], 1.0 - two.sum()]), 0.0, 1.0)

@@ -1,9 +1,9 @@
-"""Probability of detection by place, or by bearing and range round the sensor, from a netCDF file.
+"""Probability of detection by place, or by bearing and range, from a netCDF file.
 
-Over places the file may have any grid that forcing may have: 0..360 or descending axes, uneven
-ones, a projection, a curved grid or triangles. Values on an even grid of longitude and latitude are
-taken as they are; others are carried to one twice as fine by linear interpolation, and are 0
-outside their own domain. The table of bearings and ranges is read as a loss is.
+Over places, the file may have any grid that forcing may have: 0..360 or descending axes, uneven
+axes, a projection, a curved grid or triangles. Values on an even grid of longitude and latitude are
+used as they are; others are interpolated linearly on an even grid that is twice as fine, and are 0
+outside their own domain. A table of bearings and ranges is read like a table of losses.
 """
 
 import math
@@ -30,8 +30,8 @@ from geo.grids.layout import Axes, Layout
 MEANT = re.compile(r"\bp(o)?d\b|^(p|pod|pd|detection)$|probability|detection|blip.?scan", re.I)
 SHARES = ("", "1", "unitless", "dimensionless", "probability", "fraction")
 PERCENT = ("%", "percent", "per cent", "per_cent", "percentage")
-ROUNDING = 1e-4  # beyond 0 or 1 up to which a value is one of them, badly rounded
-AGREE = 1e-3  # between the bearings 0 and 360, which both may stand in a file
+ROUNDING = 1e-4  # values that far below 0 or above 1 are rounding errors
+AGREE = 1e-3  # largest difference between the bearings 0 and 360 if a file has both
 Gaps = Literal["refuse", "blind"]
 
 
@@ -46,12 +46,22 @@ def read_pod(
     gaps: Gaps = "refuse",
     name: str | None = None,
 ) -> PodGrid:
-    """Return the POD of a netCDF file over (time, lat, lon) or (time, bearing, range); time may be
-    absent.
+    """Return the POD of a netCDF file over (time, lat, lon) or (time, bearing, range).
 
-    per: time [s] of searching for which it holds, NaN for as long as the watch; coordinates: names
-    of lon, lat or the reference system (crs), where the file leaves them open; gaps: "blind" makes
-    what is missing 0. The others are those of `losses.read`. Raises UserError in one line.
+    The dimension of time is optional.
+
+    Args:
+        path: of the file.
+        per: duration of searching for which the POD holds [s]; NaN: the duration of the watch.
+        variable: name of the POD, if the file has several candidates.
+        select: value of each further dimension with several values.
+        units: units by variable, if its attribute is absent or wrong.
+        coordinates: names of lon, lat or the reference system (crs), if they are not recognized.
+        gaps: "blind" replaces missing values by 0; "refuse" rejects them.
+        name: start of error messages, by default the name of the file.
+
+    Raises:
+        UserError: the file has no valid POD, in one line.
     """
     asked = table_file.asked_for(path, name, variable, select, units)
     if not (math.isnan(per) or 0.0 < per < math.inf):
@@ -70,8 +80,9 @@ def read_pod(
 
 
 def _polar(data: xr.Dataset, asked: Asked) -> Found | None:
-    """Return the table of a file by bearing and range, None where it has none or another variable
-    is asked for.
+    """Return the table of a file by bearing and range.
+
+    Return None if there is none, or if the user names another variable.
     """
     kinds = ("time", "bearing", "range")
     if asked.variable is not None and asked.variable in data.variables:
@@ -87,7 +98,7 @@ def _polar(data: xr.Dataset, asked: Asked) -> Found | None:
 
 
 def _round_sensor(found: Found, per: float, gaps: Gaps) -> PodGrid:
-    """Return a table by bearing and range."""
+    """Return the POD of a table by bearing and range."""
     when, name = table_values.times(found), found.name
     metres, order = table_values.ranges(found)
     bearing = table_values.axis(found, "bearing") if "bearing" in found.kinds else np.zeros(1)
@@ -95,7 +106,7 @@ def _round_sensor(found: Found, per: float, gaps: Gaps) -> PodGrid:
     table = table_file.values(found, dims).reshape(-1, bearing.size, metres.size)[:, :, order]
     labels = (("time", _moments(when), ""), ("bearing", bearing, " deg"), ("range", metres, " m"))
     table = _probabilities(table, table_values.unit_of(found, found.variable), labels, name, gaps)
-    radians, table = circle.around(bearing, table, 1, name, AGREE, "")
+    radians, table = circle.close_circle(bearing, table, 1, name, AGREE, "")
     pod = np.ascontiguousarray(table, np.float32)
     return PodGrid(pod, when, bearing=radians, range=metres, per=per, name=name)
 
@@ -103,7 +114,7 @@ def _round_sensor(found: Found, per: float, gaps: Gaps) -> PodGrid:
 def _over_places(
     data: xr.Dataset, asked: Asked, coordinates: Mapping[str, str], per: float, gaps: Gaps
 ) -> PodGrid:
-    """Return a table by place, on an even grid."""
+    """Return the POD of a table by place, on an even grid."""
     variable = table_file.variable_of(
         data,
         asked,
@@ -121,12 +132,12 @@ def _over_places(
     try:
         layout = locate.locate(data, variable, dims, coordinates)[0]
     except UserError as error:
-        said = (
+        message = (
             str(error)
             .replace("set variables = {", "set coordinates = {")
             .replace("variables.", "coordinates.")
         )
-        raise UserError(f"{name}: {said}") from error
+        raise UserError(f"{name}: {message}") from error
     table = table_file.values(found, [*kinds.values(), *dims])
     table = table.reshape(-1, *table.shape[len(kinds) :])
     for k, index in enumerate(slices.window(layout), start=1):
@@ -140,7 +151,7 @@ def _over_places(
         grid, _ = target.choose([layout], None)
         matrix = regrid.weights(layout, grid)
         shape = grid.nlat, grid.columns
-        carried = (regrid.carry(matrix, slab).reshape(shape) for slab in table)
+        carried = (regrid.regrid_values(matrix, slab).reshape(shape) for slab in table)
         pod = [grids.widen(np.nan_to_num(slab, nan=0.0), grid) for slab in carried]
     lat, lon = np.radians(grid.lat), np.radians(grid.lon)
     return PodGrid(np.clip(np.stack(pod), 0.0, 1.0), when, lat=lat, lon=lon, per=per, name=name)
@@ -151,21 +162,21 @@ def _moments(when: NDArray[np.datetime64]) -> Array:
 
 
 def _labels(layout: Layout, dims: Sequence[str], shape: tuple[int, ...]) -> list[table_file.Label]:
-    """Return how messages say where a value stands."""
+    """Return the labels of the horizontal dimensions for messages."""
     if isinstance(layout, Axes):
         return [("latitude", layout.lat, ""), ("longitude", layout.lon, "")]
     return [(d, np.arange(n), " (counted from 0)") for d, n in zip(dims, shape, strict=True)]
 
 
 def _horizontal(found: Found, coordinates: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the dimensions of places, latitude or rows first; one on a mesh."""
+    """Return the horizontal dimensions, latitude or rows first; a mesh has one."""
     data, name = found.data, found.variable
     dims = [str(d) for d in data[name].dims if str(d) not in found.kinds.values()]
     several = [d for d in dims if data.sizes[d] > 1 or naming.LON.match(d) or naming.LAT.match(d)]
     if len(several) > 2:
         points = {str(d) for n in coordinates.values() if n in data.variables for d in data[n].dims}
         extra = next((d for d in several if d not in points and not naming.of_grid(d)), several[0])
-        table_file.values(found, [d for d in dims if d != extra])  # says which values it has
+        table_file.values(found, [d for d in dims if d != extra])  # raises, and lists its values
     if not several:
         raise UserError(
             f"{found.name}: {table_file.spoken(data, name)} is no table over longitude and latitude, nor over bearing and "
@@ -179,8 +190,9 @@ def _horizontal(found: Found, coordinates: Mapping[str, str]) -> tuple[str, ...]
 def _probabilities(
     table: Array, unit: str, labels: Sequence[table_file.Label], name: str, gaps: Gaps
 ) -> Array:
-    """Return POD from 0 to 1; refuses what is missing, unless it is blind there, and what is no
-    probability.
+    """Return POD from 0 to 1; reject values that are not probabilities.
+
+    Missing values become 0 if gaps is "blind", and are rejected otherwise.
     """
     if unit.lower() in PERCENT:
         table = table / 100.0

@@ -1,7 +1,7 @@
-"""Records of sensors that know the water: what the sonar equation needs, and POD by place.
+"""Records of the sensors of a case: parameters of the sonar equation, and tables of POD.
 
-All is SI, radians, UTC and decibels. Bearings are clockwise, ascending in [0, 2 pi), and go on
-round the circle; between the entries of a table its values are straight.
+All values are SI, radians, UTC and decibels. Bearings are clockwise, ascending in [0, 2 pi), and
+periodic; tables are interpolated linearly between their entries.
 """
 
 import math
@@ -16,11 +16,10 @@ from geo.polyline import Area, Legs, LonLat
 
 @dataclass(frozen=True, eq=False)
 class Losses:
-    """Transmission loss by bearing and range, round one place or several."""
+    """Transmission loss by bearing and range, about one place or several."""
 
     bearing: Array  # float64 (b,) true [rad]; one: the same all round
-    # float64 (r,) [m], ascending; nearer than the first it is that of the first, beyond the last
-    # nothing is heard
+    # float64 (r,) [m], ascending; constant below the first, inaudible beyond the last
     range: Array
     loss: NDArray[np.float32]  # [dB] (p, b, r), of each place
     lon: Array  # float64 (p,) [rad] of the places; (0,): the same everywhere, with p = 1
@@ -39,12 +38,12 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Gain:
-    """Array gain by bearing relative to the array's heading, of each of its beams."""
+    """Array gain of each beam, by bearing relative to the array's heading."""
 
     bearing: Array  # float64 (b,) relative to the heading [rad]; one: the same all round
-    # [dB] (beams, b); where all of them are processed it is the highest that counts
+    # [dB] (beams, b); the gain is the highest of the processed beams
     beams: NDArray[np.float32]
-    # float64 (beams,) relative bearing at which each beam looks [rad]; NaN: not told
+    # float64 (beams,) relative bearing to which each beam is steered [rad]; NaN: unknown
     steered: Array
     mirrored: bool = False  # whether it cannot tell port from starboard, as a line cannot
 
@@ -53,8 +52,7 @@ class Gain:
 class Levels:
     """Source level by scenario and speed."""
 
-    # float64 (s,) over ground [m/s], ascending; below the first it is that of the first, above the
-    # last of the last
+    # float64 (s,) over ground [m/s], ascending; constant below the first and above the last
     speed: Array
     level: NDArray[np.float32]  # [dB re 1 uPa at 1 m] (scenarios, s)
 
@@ -63,10 +61,10 @@ class Levels:
 class Sonar:
     """A passive sonar: signal excess = source level - loss - (noise - gain) - threshold.
 
-    It hears a target when its signal excess and a fluctuation of standard deviation `fluctuation`
-    are together above 0. The fluctuation keeps its value until it jumps to another, independent
-    one, at a rate of `jump_rate`: the lambda-sigma process (McCabe and Belkin 1973; Wagner,
-    Mylander and Sanders 1999, Naval Operations Analysis, chapter 5).
+    It detects a target when the sum of signal excess and a fluctuation of standard deviation
+    `fluctuation` is above 0. The fluctuation is constant until it jumps to an independent value, at
+    a rate of `jump_rate`: the lambda-sigma process (McCabe and Belkin 1973; Wagner, Mylander and
+    Sanders 1999, Naval Operations Analysis, chapter 5).
     """
 
     levels: Levels
@@ -76,24 +74,24 @@ class Sonar:
     threshold: float  # [dB]
     fluctuation: float  # [dB], above 0
     jump_rate: float  # [1/s], at least 0
-    # [dB] standard deviation of what all looks and watches of its group have in common
+    # [dB] standard deviation of the error that all looks and watches of its group share
     unknown: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class PodGrid:
-    """Probability of detection by place, or by bearing and range round the sensor."""
+    """Probability of detection by place, or by bearing and range from the sensor."""
 
     pod: NDArray[np.float32]  # (t, lat, lon) or (t, b, r), 0 to 1
-    # (t,) ascending; (0,): at all times the same, with t = 1; straight in between
+    # (t,) ascending, interpolated linearly; (0,): the same at all times, with t = 1
     times: NDArray[np.datetime64]
-    # float64 [rad] (lat,) ascending, evenly spaced; beyond the grid nothing is detected
+    # float64 [rad] (lat,) ascending, evenly spaced; POD is 0 outside the grid
     lat: Array | None = None
     # float64 [rad] (lon,) ascending, evenly spaced; it may pass 180 degrees
     lon: Array | None = None
     bearing: Array | None = None  # float64 [rad] (b,), see Losses
     range: Array | None = None  # float64 [m] (r,)
-    per: float = math.nan  # [s] for which it is there; NaN: for as long as the watch
+    per: float = math.nan  # [s] of searching for which it holds; NaN: duration of the watch
     name: str = ""
 
 
@@ -103,11 +101,11 @@ class Sensor:
 
     name: str
     sees: Sonar | PodGrid
-    # (lon, lat) [deg] where it stands; None: on what carries it
+    # (lon, lat) [deg] of a fixed sensor; None: its carrier moves
     place: tuple[float, float] | None = None
-    heading: float = 0.0  # [rad] true, of the array of a sensor that stands
+    heading: float = 0.0  # [rad] true, of the array of a fixed sensor
     group: str = ""  # sensors of one group share their unknown
-    # [dB] least fluctuation of its group's sonars, for which values stand for the unknown
+    # [dB] least fluctuation of its group's sonars, which sets the number of nodes of the unknown
     steadiest: float = math.inf
 
 
@@ -117,35 +115,33 @@ class Tow:
 
     name: str
     sensor: Sensor
-    begin: Area  # where it may begin to listen
+    begin: Area  # area in which it may begin to listen
     speed: float  # [m/s] while it listens
     ready: np.datetime64
     endurance: float = math.inf  # [s] of listening
-    # (lon, lat) [deg] where it is when it is ready; None: wherever it is to begin
+    # (lon, lat) [deg] position when it is ready; None: at the start of its legs
     base: LonLat | None = None
-    transit_speed: float = math.nan  # [m/s] from its base to where it begins
-    allowed: Area | None = None  # which it does not leave while it listens; None: it goes anywhere
-    # [rad] that it may steer, from the first clockwise to the second
+    transit_speed: float = math.nan  # [m/s] from its base to the start of its legs
+    allowed: Area | None = None  # area that it must not leave while it listens; None: anywhere
+    # [rad] allowed courses, from the first clockwise to the second
     courses: tuple[float, float] | None = None
     legs: int = 2  # most legs, 1 or 2
 
 
 @dataclass(frozen=True, eq=False)
 class Listener:
-    """An array whose beams are to be processed: it stands, a plan places it, or it is towed along
-    legs.
-    """
+    """An array whose beams are to be processed: fixed, placed by a plan, or towed along legs."""
 
     name: str
     sensor: Sensor
-    # along which it is towed; None: it stands where its sensor says, or a [[tow]] is placed
+    # legs along which it is towed; None: its sensor is fixed, or a plan places its [[tow]]
     legs: Legs | None = None
-    tow: str = ""  # name of the [[tow]] that tows it, "": none
+    tow: str = ""  # name of the [[tow]] that tows it; "": none
 
 
 @dataclass(frozen=True, eq=False)
 class Processing:
-    """Arrays with beams, and processors that are fewer: what a plan allocates, slot by slot."""
+    """Arrays with beams and fewer processors: the problem that a plan solves, slot by slot."""
 
     edges: NDArray[np.datetime64]  # of the slots (slots + 1,) UTC
     listeners: tuple[Listener, ...]
@@ -153,13 +149,13 @@ class Processing:
     # (processors, listeners): whether one can work on the beams of an array
     serves: NDArray[np.bool_]
     manned: NDArray[np.bool_]  # (slots, processors): whether it works in that slot
-    cost: float = 0.0  # chance of being heard that a beam must add to be worth a processor's slot
-    # of each listener its beams, from 0, that would be processed else
+    cost: float = 0.0  # probability of detection that a beam must add to use a processor's slot
+    # beams of each listener, from 0, that are processed without the plan
     today: tuple[tuple[int, ...], ...] | None = None
 
     @property
     def beams(self) -> tuple[int, ...]:
-        """How many beams each listener has."""
+        """Number of beams of each listener."""
         return tuple(
             len(one.sensor.sees.gain.beams)
             for one in self.listeners

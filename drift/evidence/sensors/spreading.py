@@ -1,5 +1,6 @@
-"""Transmission loss by formulas: spreading, absorption and convergence zones, the same all round
-and everywhere.
+"""Transmission loss by formulas: spreading, absorption and convergence zones.
+
+The loss does not depend on bearing and place.
 """
 
 import math
@@ -12,12 +13,12 @@ from geo.array import Array
 from geo.errors import UserError
 
 NEAREST = 1.0  # [m] the range to which source levels refer, where the loss is 0 dB
-ERROR = 0.04  # [dB] largest error of straight lines between the ranges of a table
+ERROR = 0.04  # [dB] largest error of linear interpolation between the ranges of a table
 EDGE = 10.0  # [m] width over which the gain of a convergence zone rises and falls
 CYLINDRICAL = 10.0  # [dB] for ten times the range, beyond the transition
 FARTHEST = 2.0e7  # [m] half way round the Earth
 
-# The oceans, and frequencies about those of Francois and Garrison's measurements.
+# Values of the oceans, and frequencies about those of Francois and Garrison's measurements.
 ALLOWED = {
     "frequency": (10.0, 1.0e6, "Hz"),
     "temperature": (-2.0, 35.0, "degrees Celsius"),
@@ -36,13 +37,23 @@ def losses(
     zones: Sequence[tuple[float, float, float]] = (),
     name: str = "spreading",
 ) -> Losses:
-    """Return the losses of a formula up to a largest range [m]: one bearing, no places.
+    """Return the losses of a formula up to a largest range: one bearing, no places.
 
-    loss = coefficient log10(r / 1 m) up to the transition [m] (none: at all ranges), 10 log10
-    beyond it (Urick 1983, Principles of Underwater Sound, section 5.3), + absorption [dB/km] r, -
-    the gain of the convergence zones. zones: (inner, outer [m], gain [dB]); a gain rises and falls
-    over the 10 m about a zone's limits. Linear interpolation between the ranges errs by at most
-    0.04 dB. name: with which messages start.
+    loss = coefficient log10(r / 1 m) up to the transition, 10 log10 beyond it (Urick 1983,
+    Principles of Underwater Sound, section 5.3), + absorption r, - the gain of the convergence
+    zones. Linear interpolation between the ranges errs by at most 0.04 dB.
+
+    Args:
+        largest: largest range [m].
+        coefficient: of spreading up to the transition [dB].
+        transition: range beyond which spreading is cylindrical [m]; None: nowhere.
+        absorption: [dB/km].
+        zones: inner and outer limit [m] and gain [dB] of each convergence zone; the gain rises and
+            falls over the 10 m about a limit.
+        name: start of error messages.
+
+    Raises:
+        UserError: a value out of range, or a negative loss.
     """
     _check(largest, coefficient, transition, absorption, zones, name)
     ratio = math.exp(math.sqrt(8.0 * ERROR * math.log(10.0) / max(coefficient, CYLINDRICAL)))
@@ -103,10 +114,20 @@ def absorption(
 ) -> float:
     """Return the absorption of sound in sea water [dB/km].
 
-    frequency [Hz], temperature [degrees Celsius], salinity [g/kg], depth [m], pH: Francois and
-    Garrison 1982, part II, doi:10.1121/1.388673: the sum of boric acid, magnesium sulphate and pure
-    water. It is for all oceans from 200 Hz to 1 MHz and accurate to about 5 %; below 200 Hz, where
-    sound is absorbed by 0.01 dB/km at most, it is extrapolated.
+    Francois and Garrison 1982, part II, doi:10.1121/1.388673: the sum of boric acid, magnesium
+    sulphate and pure water. It holds for all oceans from 200 Hz to 1 MHz and is accurate to about 5
+    %. Below 200 Hz, where absorption is at most 0.01 dB/km, it is extrapolated.
+
+    Args:
+        frequency: [Hz].
+        temperature: [degrees Celsius].
+        salinity: [g/kg].
+        depth: [m].
+        ph: acidity (pH).
+        name: start of error messages.
+
+    Raises:
+        UserError: a value out of range.
     """
     given = {
         "frequency": frequency,
@@ -145,7 +166,7 @@ def _check(
     zones: Sequence[tuple[float, float, float]],
     name: str,
 ) -> None:
-    """Refuse numbers that make no formula."""
+    """Reject parameters out of range, and overlapping zones."""
     for key, value, low, high, unit in (
         ("largest range", largest, 100.0, FARTHEST, " m"),
         ("coefficient", coefficient, 5.0, 60.0, " dB"),

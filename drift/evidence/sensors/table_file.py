@@ -1,9 +1,8 @@
-"""Tables of sensors in netCDF files: which variable, what its dimensions are, in what units, and
-what is missing.
+"""Tables of sensors in netCDF files: the variable, its dimensions, and selected values.
 
-A dimension is told by CF's standard names, else by its name, its long name or its units. Whatever
-else a table depends on (depth, frequency) has one value or is chosen. `table_values` reads axes and
-checks what was read.
+A dimension is recognized by CF standard names, otherwise by its name, long name or units. Any other
+dimension of a table (depth, frequency) must have one value, or one is selected. `table_values`
+reads axes and checks values.
 """
 
 import difflib
@@ -26,7 +25,7 @@ from geo.grids import naming
 
 MEND = "name a netCDF file"
 MOST_VALUES = 2**28  # values of a table, 2 GiB while it is read
-CLOSE = 1e-6  # share by which a chosen value may differ from the file's
+CLOSE = 1e-6  # largest relative difference between a selected value and the file's
 
 ANGLES = {  # [deg]
     "degree": 1.0,
@@ -62,15 +61,15 @@ LIKE = {
     ),
 }
 NEITHER = re.compile(r"depth|height|altitude|freq|elevation|pressure|time|level", re.I)
-# what a dimension is called, its values and their unit, for messages
+# name of a dimension, its values and their unit, for messages
 Label = tuple[str, Array, str]
 
 
 @dataclass(frozen=True)
 class Asked:
-    """A table as it is asked for."""
+    """A request for a table."""
 
-    name: str  # with which messages start
+    name: str  # start of error messages
     variable: str | None = None
     select: Mapping[str, Any] = field(default_factory=dict)  # value by dimension
     units: Mapping[str, str] = field(default_factory=dict)  # by variable, over those of the file
@@ -78,9 +77,9 @@ class Asked:
 
 @dataclass(frozen=True)
 class Found:
-    """A variable in a file, and what its dimensions are."""
+    """A variable in a file, and its dimensions."""
 
-    data: xr.Dataset  # with the chosen values alone
+    data: xr.Dataset  # at the selected values
     variable: str
     kinds: Mapping[str, str]  # dimension of each kind that it has
     coordinates: Mapping[str, str]  # variable that holds the values of each kind
@@ -88,7 +87,7 @@ class Found:
 
     @property
     def name(self) -> str:
-        """How messages start."""
+        """The start of error messages."""
         return self.asked.name
 
 
@@ -99,29 +98,34 @@ def asked_for(
     select: Mapping[str, Any] | None,
     units: Mapping[str, str] | None,
 ) -> Asked:
-    """Return how a file is asked for; its messages start with its own name where they are given
-    none.
-    """
+    """Return the request for a table; error messages start with `name` or that of the file."""
     return Asked(name or dataset.title([path]), variable, select or {}, units or {})
 
 
 @contextmanager
 def open_table(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
-    """Give a file's dataset; whatever is wrong with the file becomes one line."""
+    """Open a file's dataset; any fault of the file becomes an error message of one line."""
     named = os.path.expanduser(os.fspath(path))
-    if not dataset.remote(named) and not os.path.exists(named):
+    if not dataset.is_remote(named) and not os.path.exists(named):
         raise UserError(f'no such file: "{named}"; {MEND}')
-    with dataset.readable(named, "", MEND), dataset.open_one(named, "", mend=MEND) as data:
+    with dataset.reporting_damage(named, "", MEND), dataset.open_one(named, "", mend=MEND) as data:
         yield data
 
 
 def find(
     data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, kinds: Sequence[str]
 ) -> Found:
-    """Return the variable of a table and what its dimensions are.
+    """Return the variable of a table and its dimensions.
 
-    meant: names, standard names and long names of what is sought; what: the same in words; kinds:
-    of its dimensions, of which it may lack some but not the last.
+    Args:
+        data: of the file.
+        asked: the request.
+        meant: matches names, standard names and long names of the variable.
+        what: the variable in words.
+        kinds: of dimensions; only the last is required.
+
+    Raises:
+        UserError: no such variable, or several.
     """
     wanted = " and ".join(k for k in kinds if k != "time")
     name = variable_of(
@@ -144,9 +148,17 @@ def find(
 def variable_of(
     data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, fits: Callable[[str], bool]
 ) -> str:
-    """Return the name of the variable that the user names, or else of the one that fits best.
+    """Return the name of the variable that the user names, or else of the best match.
 
-    fits: whether a variable of this name has the dimensions that are needed.
+    Args:
+        data: of the file.
+        asked: the request.
+        meant: matches names, standard names and long names of the variable.
+        what: the variable in words.
+        fits: whether a variable of this name has the dimensions that are needed.
+
+    Raises:
+        UserError: no such variable, or several.
     """
     name = asked.variable
     odd = [key for key in asked.units if key not in data.variables]
@@ -182,7 +194,7 @@ def spoken(data: xr.Dataset, name: str) -> str:
 def _meant(
     data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, fits: Callable[[str], bool]
 ) -> str:
-    """Return the name of the variable that is meant, where the user names none."""
+    """Return the name of the best matching variable, if the user names none."""
     scores: dict[str, int] = {}
     for name in map(str, data.variables):
         variable = data[name]
@@ -210,8 +222,9 @@ def _meant(
 def dimensions(
     data: xr.Dataset, name: str, kinds: Sequence[str]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the dimension and the coordinate of each kind ("time", "bearing", "range") that a
-    variable has.
+    """Return the dimension and the coordinate of each kind that a variable has.
+
+    Kinds are "time", "bearing" and "range".
     """
     found, coordinates = dict[str, str](), dict[str, str]()
     dims = [str(d) for d in data[name].dims]
@@ -237,12 +250,13 @@ def dimensions(
 
 
 def _likeness(kind: str, dim: str, name: str, data: xr.Dataset) -> float:
-    """Return how well a coordinate fits a kind of dimension: standard name, name, long name, unit;
-    0 for not at all.
+    """Return how well a coordinate matches a kind of dimension; 0 for no match.
 
-    name: of the coordinate; "" for a dimension that has none of its own, and may be told by its
-    name alone. What else lies along it (the sea's depth along the range) does not become its
-    coordinate by that.
+    Criteria are, in this order: standard name, name, long name, unit.
+
+    name: of the coordinate; "" for a dimension without one, which only its own name can match.
+    Other variables along a dimension (the depth of the sea along the range) do not match by the
+    name of the dimension.
     """
     standards, names, longs = LIKE[kind]
     attributes = data[name].attrs if name else {}
@@ -269,8 +283,10 @@ def _likeness(kind: str, dim: str, name: str, data: xr.Dataset) -> float:
 
 
 def selected(data: xr.Dataset, name: str, asked: Asked) -> xr.Dataset:
-    """Return a dataset at the values that are chosen of its dimensions; refuse one that is not
-    there, and no values.
+    """Return a dataset at the selected values of its dimensions.
+
+    Raises:
+        UserError: a selected value or dimension is not in the file, or no values are left.
     """
     for key, value in asked.select.items():
         dims = [str(d) for d in data[name].dims]
@@ -305,13 +321,11 @@ def selected(data: xr.Dataset, name: str, asked: Asked) -> xr.Dataset:
 
 
 def _entries(data: xr.Dataset, key: str, dim: str | None) -> Array:
-    """Return what stands along a dimension: its coordinate, its times, or numbers from 0 where it
-    has none.
-    """
+    """Return the values along a dimension: coordinate or times, else numbers from 0."""
     if key not in data.variables:
         return np.arange(data.sizes[key])
     if " since " in str(data[key].attrs.get("units", "")):
-        with suppress(UserError):  # what is no date is chosen by its number
+        with suppress(UserError):  # times that cannot be decoded are selected by their number
             return clock.decode(data, key)[0]
     values = np.atleast_1d(np.asarray(data[key].values))
     if dim is not None and values.ndim != 1:
@@ -320,7 +334,7 @@ def _entries(data: xr.Dataset, key: str, dim: str | None) -> Array:
 
 
 def _index(there: Array, value: Any) -> int | None:
-    """Return where a value stands, None where it does not."""
+    """Return the index of a value, None if it is not there."""
     if np.issubdtype(there.dtype, np.datetime64):
         try:
             same = there == np.datetime64(str(value).removesuffix("Z"), "s")
@@ -350,10 +364,14 @@ def _unit(data: xr.Dataset, key: str) -> str:
 
 
 def values(found: Found, dims: Sequence[str]) -> Array:
-    """Return a table's values, float64, NaN missing, over dimensions in this order.
+    """Return a table's values over dimensions in this order, float64; missing values are NaN.
 
-    Dimensions that are not among them have one value; refuses those with more, which nothing
-    chooses.
+    Args:
+        found: the table.
+        dims: the dimensions; all others must have one value.
+
+    Raises:
+        UserError: another dimension has several values, or the table is too large.
     """
     data, name = found.data, found.variable
     rest = [str(d) for d in data[name].dims if d not in dims]

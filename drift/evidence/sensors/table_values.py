@@ -1,6 +1,6 @@
-"""Axes and values of sensors' tables: units, order, times, and the values that no table may have.
+"""Axes and values of sensor tables: units, order, times, and checks of values.
 
-Nothing is guessed where a guess could be wrong: a length without a unit is refused.
+Nothing is guessed: a length without a unit is rejected.
 """
 
 import re
@@ -44,15 +44,23 @@ DECIBEL = re.compile(r"^(db|decibels?)(\s*(re\b|rel\b|\(|//|@).*)?$", re.I)  # n
 
 
 def unit_of(found: Found, variable: str) -> str:
-    """Return the unit of a variable: that which the user states, else the file's."""
+    """Return the unit of a variable, as stated by the user or else by the file."""
     return str(found.asked.units.get(variable, found.data[variable].attrs.get("units", ""))).strip()
 
 
 def axis(found: Found, kind: str) -> Array:
-    """Return the values of a table's bearings [deg] or ranges [m], in the file's order."""
+    """Return the values of a table's bearings [deg] or ranges [m], in the file's order.
+
+    Args:
+        found: the table.
+        kind: "bearing" or "range".
+
+    Raises:
+        UserError: no coordinate, missing values, or an unknown unit.
+    """
     coordinate = found.coordinates[kind]
     if kind == "bearing" and found.data.sizes[found.kinds[kind]] == 1:
-        return np.zeros(1)  # it holds all round, whatever it is
+        return np.zeros(1)  # a single bearing holds all round
     if not coordinate:
         raise UserError(
             f'{found.name}: the dimension "{found.kinds[kind]}" has no coordinate; give the file a variable '
@@ -69,7 +77,7 @@ def axis(found: Found, kind: str) -> Array:
         )
     unit = unit_of(found, coordinate)
     allowed = UNITS[kind]
-    if unit.lower() not in allowed or unit == "M":  # nautical miles on charts, and no metres
+    if unit.lower() not in allowed or unit == "M":  # on charts M is nautical miles, not metres
         had = f'in "{unit}"' if unit else "in no unit"
         raise UserError(
             f'{found.name}: the {kind}s "{coordinate}" are {had}; allowed are {SPOKEN[kind]}: mend their attribute units, or '
@@ -79,7 +87,7 @@ def axis(found: Found, kind: str) -> Array:
 
 
 def ranges(found: Found) -> tuple[Array, NDArray[np.intp]]:
-    """Return the ranges [m], ascending, and their places in the file."""
+    """Return the ranges [m], ascending, and their indices in the file."""
     metres, name = axis(found, "range"), found.name
     coordinate = found.coordinates["range"]
     order = np.argsort(metres, kind="stable")
@@ -99,7 +107,7 @@ def ranges(found: Found) -> tuple[Array, NDArray[np.intp]]:
 
 
 def times(found: Found) -> NDArray[np.datetime64]:
-    """Return a table's times [UTC], ascending; none where it has one time or no dimension of time."""
+    """Return a table's times [UTC], ascending; empty with one time or without times."""
     if "time" not in found.kinds or found.data.sizes[found.kinds["time"]] == 1:
         return np.empty(0, "datetime64[s]")
     variable = found.coordinates["time"]
@@ -119,7 +127,17 @@ def times(found: Found) -> NDArray[np.datetime64]:
 
 
 def check_whole(table: Array, labels: Sequence[Label], name: str, hint: str = "") -> None:
-    """Refuse a table with missing values; labels: (word, values, unit) of each dimension."""
+    """Reject a table with missing values.
+
+    Args:
+        table: the values.
+        labels: (name, values, unit) of each dimension.
+        name: start of the error message.
+        hint: end of the error message.
+
+    Raises:
+        UserError: a value is missing.
+    """
     missing = ~np.isfinite(table)
     if not missing.any():
         return
@@ -130,7 +148,7 @@ def check_whole(table: Array, labels: Sequence[Label], name: str, hint: str = ""
 
 
 def where(wrong: NDArray[np.bool_], labels: Sequence[Label]) -> str:
-    """Return in words where the first of some values stands."""
+    """Return the position of the first true value in words."""
     index = np.unravel_index(int(np.argmax(wrong)), wrong.shape)
     words = list[str]()
     for k, (word, along, unit) in zip(index, labels, strict=True):
@@ -146,8 +164,19 @@ def where(wrong: NDArray[np.bool_], labels: Sequence[Label]) -> str:
 def check_decibels(
     table: Array, unit: str, most: float, least: float, what: str, name: str, remedy: str
 ) -> None:
-    """Refuse a table that is not in dB, or whose values no such quantity has; least, most: allowed
-    [dB].
+    """Reject a table whose unit is not dB, or with values above the allowed ones.
+
+    Args:
+        table: the values.
+        unit: of the values, "" if unknown.
+        most: largest allowed value [dB].
+        least: smallest allowed value [dB], for the message.
+        what: the quantity in words.
+        name: start of error messages.
+        remedy: what to change if the unit is wrong.
+
+    Raises:
+        UserError: the unit is not dB, or a value is too large.
     """
     if unit and not DECIBEL.match(unit):
         raise UserError(f'{name}: the {what} is in "{unit}"; allowed is dB: {remedy}')

@@ -1,21 +1,23 @@
-"""What all looks and watches of a group have in common and nobody knows: values that stand for it."""
+"""The unknown error that all looks and watches of a group share, as quadrature nodes."""
 
 import numpy as np
 
 from drift.evidence.sensors.records import Sensor, Sonar
 from geo.array import Array
 
-# values that stand for it, up to such a share of the fluctuation
+# (largest unknown as a share of the fluctuation, number of nodes)
 NODES = ((0.6, 8), (1.0, 12), (1.5, 16))
-MOST = NODES[-1][0]  # beyond it 16 values do not hold products of misses to 0.001
+MOST = NODES[-1][0]  # beyond it, products of misses err by more than 0.001 with 16 nodes
 
 
 def offsets(unknown: float, fluctuation: float) -> tuple[Array, Array]:
-    """Return values [dB] of a normal number of standard deviation `unknown`, and their
-    probabilities; one where it is 0.
+    """Return nodes [dB] and probabilities of a normal unknown; one node if it is 0.
 
-    fluctuation [dB]: of the signal excess, which smooths what the values are asked for.
-    Gauss-Hermite quadrature, for which NumPy is enough.
+    Gauss-Hermite quadrature, by NumPy.
+
+    Args:
+        unknown: standard deviation [dB].
+        fluctuation: of the signal excess [dB]; it smooths the integrand.
     """
     if unknown == 0:
         return np.zeros(1), np.ones(1)
@@ -26,9 +28,7 @@ def offsets(unknown: float, fluctuation: float) -> tuple[Array, Array]:
 
 
 def values(sensor: Sensor) -> tuple[Array, Array]:
-    """Return the values [dB] that stand for a sensor's unknown, and their probabilities: all of its
-    group have the same.
-    """
+    """Return nodes [dB] and probabilities of a sensor's unknown, the same for its whole group."""
     sonar = sensor.sees
     if not isinstance(sonar, Sonar):
         return np.zeros(1), np.ones(1)
@@ -36,8 +36,9 @@ def values(sensor: Sensor) -> tuple[Array, Array]:
 
 
 def key(sensor: Sensor) -> tuple[str, float]:
-    """Return what looks and watches have in common that share an unknown; sorties have keys of
-    other names.
+    """Return the key that looks and watches with the same unknown share.
+
+    It differs from all keys of sorties.
     """
     return f"sensors {sensor.group}", sensor.sees.unknown if isinstance(
         sensor.sees, Sonar

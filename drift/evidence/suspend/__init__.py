@@ -1,1 +1,1 @@
-"""The decision to suspend a search: what it rests on, as text and as a picture."""
+"""The basis of a decision to suspend a search, as text and as a picture."""

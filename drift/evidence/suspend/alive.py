@@ -1,6 +1,6 @@
-"""How likely somebody adrift is still alive, from survival times and when he may have gone adrift.
+"""Probability of survival, from survival times and the distribution of the time adrift.
 
-Within a scenario, the time of going adrift is taken to say nothing of where the object is.
+Within a scenario, the time of going adrift is taken as independent of the position.
 """
 
 from collections.abc import Sequence
@@ -8,19 +8,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from drift.engine.motion.scenario import Scenario
-from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.standing import SearchStatus
 from geo import notation
 from geo.array import Array
 
 HOUR = 3600.0  # [s]
 
 
-def alive_at(scenarios: Sequence[Scenario], standing: Standing, time: float) -> tuple[Array, Array]:
-    """Return the probability of being alive at a time by scenario and of all, and its standard
-    error.
+def alive_at(
+    scenarios: Sequence[Scenario], standing: SearchStatus, time: float
+) -> tuple[Array, Array]:
+    """Return the probability of being alive at a time, and its standard error.
 
-    time: [s after start]. Both have shape (S + 1,). A scenario without survival times counts as
-    alive.
+    A scenario without survival times counts as alive.
+
+    Args:
+        scenarios: of the case.
+        standing: status of the search.
+        time: [s after start].
+
+    Returns:
+        Probability and standard error, by scenario and of all, both of shape (S + 1,).
     """
     if not any(scenario.survival for scenario in scenarios):
         return np.ones(len(scenarios) + 1), np.zeros(len(scenarios) + 1)
@@ -42,7 +50,7 @@ def alive_at(scenarios: Sequence[Scenario], standing: Standing, time: float) -> 
 
 
 def basis(scenario: Scenario) -> str | None:
-    """Return a scenario's survival times in words, None where it has none."""
+    """Return a scenario's survival times in words, None if it has none."""
     survival = scenario.survival
     if survival is None:
         return None

@@ -1,4 +1,4 @@
-"""What is handed out for a decision to suspend: a text and a picture."""
+"""Output files for a decision to suspend: a text and a picture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,23 +7,23 @@ from pathlib import Path
 from drift.evidence.suspend import decision
 from drift.evidence.suspend import text as suspend_text
 from drift.evidence.suspend.decision import Suspension
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Imprint
 from drift.products.report import leaves as report_leaves
 
 
 @dataclass(frozen=True)
 class SuspensionOutputs:
-    """What the files and pictures are made from."""
+    """The data from which the files and pictures are made."""
 
     suspension: Suspension
     imprint: Imprint
-    synthetic: bool  # winds or currents are made up
-    lost: float  # probability that is on no map
+    synthetic: bool  # whether winds or currents are synthetic
+    lost: float  # probability of particles on no map
 
 
 def _picture(matter: SuspensionOutputs, path: Path) -> None:
-    # here: Matplotlib takes a second to import
+    # imported here, since importing Matplotlib takes a second
     from drift.evidence.suspend import map as suspend_map
 
     suspend_map.plot_suspension(matter.suspension, path, matter.imprint)
@@ -43,8 +43,10 @@ PICTURES: dict[str, Callable[[SuspensionOutputs, Path], None]] = {
 }
 
 
-def chapter(matter: SuspensionOutputs) -> Chapter:
-    """Return the chapter of a decision to suspend."""
+def suspension_bundle(matter: SuspensionOutputs) -> OutputBundle:
+    """Return the outputs for a decision to suspend."""
     leaves = (lambda: [report_leaves.text_leaf("For the decision to suspend", file="suspend.txt")],)
     numbers = {"suspension": decision.summary_of_decision(matter.suspension)}
-    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), leaves=leaves)
+    return OutputBundle(
+        numbers, bind_outputs(FILES, matter), bind_outputs(PICTURES, matter), leaves=leaves
+    )

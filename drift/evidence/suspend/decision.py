@@ -1,7 +1,7 @@
-"""What a decision to suspend rests on: who may be alive, what was searched, what more could add.
+"""The basis of a decision to suspend: survival, areas searched, and the value of further search.
 
-All of it is given that nothing has been found. Standard errors are of the particles alone; the
-survival times are far less sure than these say.
+All probabilities are given that nothing has been found. Standard errors are sampling errors;
+survival times are far less certain.
 """
 
 from collections.abc import Sequence
@@ -13,8 +13,13 @@ import xarray as xr
 
 from drift.engine.motion.scenario import Scenario
 from drift.engine.particles.status import ON_MAP
-from drift.evidence.filter.standing import Standing
-from drift.evidence.filter.updates import Update, Updates, shown_of, together
+from drift.evidence.filter.standing import SearchStatus
+from drift.evidence.filter.updates import (
+    Update,
+    Updates,
+    displayed_scenarios_of,
+    merge_unlikely_scenarios,
+)
 from drift.evidence.suspend import further as searching_on
 from drift.evidence.suspend.alive import HOUR, alive_at, basis, seconds
 from drift.evidence.suspend.further import GONE, Further, Planned
@@ -28,30 +33,30 @@ CURVE = 160  # times of the curve
 
 @dataclass(frozen=True)
 class Suspension:
-    """The basis of a decision; S scenarios, arrays of S + 1 end with all scenarios together;
+    """The basis of a decision; S scenarios, T times.
 
-    T times.
+    Arrays of S + 1 end with all scenarios together.
     """
 
     now: np.datetime64  # of the last sortie or contact
     scenarios: tuple[str, ...]
     prior: Array  # (S,) probability of each scenario at the beginning
-    share: Array  # (S,) and now
-    bases: tuple[str | None, ...]  # (S,) survival times, in words; None: has none, counts as alive
-    times: Array  # (T,) datetime64, of the curve; from when the first may have gone adrift
+    share: Array  # (S,) probability of each scenario now
+    bases: tuple[str | None, ...]  # (S,) survival times, in words; None: none, counts as alive
+    times: Array  # (T,) datetime64, of the curve; from the earliest release
     alive: Array  # (T, S + 1) probability of being alive
     alive_error: Array  # (T, S + 1)
     # time, alive, alive_error at round times from now
     ahead: tuple[tuple[np.datetime64, Array, Array], ...]
-    # what was flown, and the area of each [m2], NaN without one
+    # sorties flown, and the area of each [m2], NaN without one
     sorties: tuple[tuple[Update, float], ...]
     cumulative: Array  # (S + 1,) POS of all sorties so far
-    never: Array  # (S + 1,) probability of having been where no sortie searched
-    effective: float  # particles that it stands on
-    # a planned search, or days of effort as flown; empty: nothing to estimate it by
+    never: Array  # (S + 1,) probability of never having been in a searched area
+    effective: float  # number of effective particles
+    # a planned search, or days of effort as flown; empty: no effort to extrapolate
     further: tuple[Further, ...]
-    how: str  # what `further` is made from
-    # `further` is of a plan, on particles that drift on; otherwise of days on a map that is held
+    how: str  # how `further` was computed
+    # whether `further` is a plan, with drifting particles; otherwise days on a fixed map
     planned: bool
 
     @property
@@ -61,7 +66,7 @@ class Suspension:
 
     @property
     def count(self) -> Count:
-        """How many particles it stands on."""
+        """Number of effective particles."""
         return Count(self.effective)
 
     def error(self, share: Array | float) -> Array:
@@ -72,15 +77,20 @@ class Suspension:
 def build_decision(
     scenarios: Sequence[Scenario],
     start: np.datetime64,
-    begun: Standing,
+    begun: SearchStatus,
     updates: Updates | None,
     data: xr.Dataset,
     plan: Planned | None = None,
 ) -> Suspension:
-    """Return what a decision rests on.
+    """Return the basis of a decision to suspend.
 
-    begun: how the search stood before any update. data: the forecast's maps. With a plan, updates
-    are those of its execution: its own sorties are still to come.
+    Args:
+        scenarios: of the case.
+        start: of the run.
+        begun: status of the search before any update.
+        updates: of the run; with a plan, those of its execution.
+        data: maps of the forecast.
+        plan: the planned sorties, which are not yet flown.
     """
     planned = plan.names if plan else frozenset()
     every = updates.all if updates else ()
@@ -90,7 +100,7 @@ def build_decision(
     searched = [update for update in past if update.kind == "sortie"]
     cumulative = searched[-1].cumulative if searched else None
     now = seconds(standing.time, start)
-    hours = _ahead(scenarios, standing, now)
+    hours = _hours_ahead(scenarios, standing, now)
     times, alive, alive_error = _curve(scenarios, standing, start, hours[-1])
     if plan:
         further, how = searching_on.by_plan(standing, plan, every, scenarios, start)
@@ -121,18 +131,29 @@ def build_decision(
         how=how,
         planned=plan is not None,
     )
-    return _together(suspension, updates)
+    return _merge_unlikely(suspension, updates)
 
 
-def _together(suspension: Suspension, updates: Updates | None) -> Suspension:
-    """Return the same with the likeliest scenarios and all others as one, where there are many."""
-    shown = shown_of(updates) if updates else likeliest.likeliest_scenarios(suspension.prior)
+def _merge_unlikely(suspension: Suspension, updates: Updates | None) -> Suspension:
+    """Return the basis with the likeliest scenarios alone and all others merged into one.
+
+    With few scenarios, it is unchanged.
+    """
+    shown = (
+        displayed_scenarios_of(updates)
+        if updates
+        else likeliest.likeliest_scenarios(suspension.prior)
+    )
     if not shown.rest:
         return suspension
     weight, cumulative = suspension.share, suspension.cumulative
     if updates:
         names = {update.name for update, _ in suspension.sorties}
-        flown = [u for u in together(updates).all if u.name in names and u.cumulative is not None]
+        flown = [
+            u
+            for u in merge_unlikely_scenarios(updates).all
+            if u.name in names and u.cumulative is not None
+        ]
         cumulative = np.asarray(flown[-1].cumulative) if flown else np.zeros(shown.size + 1)
 
     def mean(values: Array) -> Array:
@@ -163,17 +184,17 @@ def _together(suspension: Suspension, updates: Updates | None) -> Suspension:
 
 
 def _basis(bases: Sequence[str | None]) -> str | None:
-    """Return the survival times of several scenarios in words, None where none has any."""
-    told = {words for words in bases if words is not None}
+    """Return the survival times of several scenarios in words, None if none has any."""
+    known = {words for words in bases if words is not None}
     without = sum(words is None for words in bases)
-    if not told:
+    if not known:
         return None
-    words = told.pop() if len(told) == 1 else f"{len(told)} different survival times"
-    return f"{words}; {without} of them have none and count as alive for ever" if without else words
+    words = known.pop() if len(known) == 1 else f"{len(known)} different survival times"
+    return f"{words}; {without} of them have none and count as alive forever" if without else words
 
 
-def _ahead(scenarios: Sequence[Scenario], standing: Standing, now: float) -> list[int]:
-    """Return the hours of AHEAD until which the probability of being alive falls noticeably.
+def _hours_ahead(scenarios: Sequence[Scenario], standing: SearchStatus, now: float) -> list[int]:
+    """Return the hours of AHEAD at which the probability of being alive still falls noticeably.
 
     now: [s after start].
     """
@@ -187,7 +208,7 @@ def _ahead(scenarios: Sequence[Scenario], standing: Standing, now: float) -> lis
 
 
 def _curve(
-    scenarios: Sequence[Scenario], standing: Standing, start: np.datetime64, last: int
+    scenarios: Sequence[Scenario], standing: SearchStatus, start: np.datetime64, last: int
 ) -> tuple[Array, Array, Array]:
     """Return times (T,), the probability of being alive at each, and its error (T, S + 1).
 
@@ -203,7 +224,7 @@ def _curve(
 
 
 def summary_of_decision(suspension: Suspension) -> dict[str, Any]:
-    """Return what the summary holds of it."""
+    """Return the basis of the decision for the summary."""
     return {
         "now": suspension.now,
         "alive": [
@@ -229,9 +250,9 @@ def summary_of_decision(suspension: Suspension) -> dict[str, Any]:
 
 
 def off_map(data: xr.Dataset) -> float:
-    """Return the probability that is on no map at the end of the run.
+    """Return the probability of particles on no map at the end of the run.
 
-    It left the domain or the forcing, sank, or is not released.
+    They have left the domain or the forcing, have sunk, or are not released.
     """
     status = data["status_probability"].isel(time=-1)
     shown = [code.name.lower() for code in ON_MAP if code.name.lower() in status["status"].values]

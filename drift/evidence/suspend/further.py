@@ -1,9 +1,9 @@
-"""What searching on from now would come to: by further days like the last one, or by a plan.
+"""The value of further search from now on: by further days like the last one, or by a plan.
 
-The further days are a rough figure, neither a plan nor a bound. They are random search with its
-effort divided without limit where it adds most (Koopman 1980, Search and Screening, ch. 3; Charnes
-and Cooper 1958), on one map, which is held while the object drifts on. How wrong that makes them is
-not known, and is more than the error of the particles, so their text and picture bear no error.
+The further days are a rough estimate, neither a plan nor a bound. They are random search with
+effort that is divided without limit where it adds most (Koopman 1980, Search and Screening, ch. 3;
+Charnes and Cooper 1958), on one fixed map, although the object drifts on. The resulting error is
+not known, and is larger than the sampling error, so text and picture show no error.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ import xarray as xr
 
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter.records import Sortie
-from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.standing import SearchStatus
 from drift.evidence.filter.updates import Update
 from drift.evidence.suspend.alive import alive_at, seconds
 from drift.forecast.products import dataset
@@ -26,16 +26,16 @@ from geo.polyline import Area
 
 DAY = 86_400.0  # [s]
 ACROSS = 80  # cells along the longer side of the map on which further days are computed
-DAYS = 7  # stated at most
-STEPS = 24  # parts of a day; within each, the chance of being alive is that of its middle
-# shares that add up to more are of more than the whole effort, however they are added up
+DAYS = 7  # most days that are stated
+STEPS = 24  # parts of a day; the probability of being alive is that of the middle of each
+# shares with a larger sum exceed the effort, whatever the rounding of the sum
 ALL = 1 + 1e-9
 GONE = 0.005  # probability of being alive below which no further time or day is stated
 
 
 @dataclass(frozen=True)
 class Planned:
-    """Sorties that are still to be flown, where the forecast is that of their failure."""
+    """Planned sorties; the forecast is given that they fail."""
 
     names: frozenset[str]
     end: np.datetime64  # when the last of them ends
@@ -43,43 +43,46 @@ class Planned:
 
 @dataclass(frozen=True)
 class Further:
-    """What searching on until a time would come to, counted from now; errors are standard errors."""
+    """The result of searching on until a time, from now; errors are standard errors."""
 
     until: np.datetime64
     pos: float  # probability that the object is found by then
     pos_error: float
-    alive: float  # and that it is found alive
+    alive: float  # probability that it is found alive by then
     alive_error: float
     waiting: float  # probability of being alive then and not found
 
 
 def standard_error(share: Array | float, effective: float) -> Array:
-    """Return the standard error of a probability; it is not 0 where the probability is 0 or 1.
+    """Return the standard error of a probability, smoothed so that it is never 0.
 
-    effective: number of particles that count.
+    Args:
+        share: the probability, any shape.
+        effective: number of effective particles.
     """
     smoothed = (np.asarray(share) * effective + 1) / (effective + 2)
     return np.asarray(np.sqrt(smoothed * (1 - smoothed) / (effective + 2)))
 
 
 def area(sortie: Sortie) -> float:
-    """Return the area that a sortie searched [m2], on the plane about its middle; NaN for a watch."""
+    """Return the area that a sortie searched [m2], on the plane about its first corner.
+
+    It is NaN for a sortie without an area.
+    """
     return float("nan") if sortie.area is None else size(sortie.area)
 
 
 def size(area: Area) -> float:
-    """Return an area [m2] on the plane about its first corner; 100 nmi across it is 1 in 10,000
-    off.
+    """Return an area [m2] on the plane about its first corner.
+
+    For an area of 100 nmi across, the error is 1 in 10,000.
     """
     lon, lat = np.radians(area.lon), np.radians(area.lat)
     return float(shapely.Polygon(np.column_stack(sphere.offset(lon[0], lat[0], lon, lat))).area)
 
 
 def effort(sortie: Sortie) -> Array | None:
-    """Return the area that a sortie swept for each scenario's object, W v t [m2], (S,);
-
-    None for a watch.
-    """
+    """Return the area swept for each scenario's object, W v t [m2], (S,); None for a watch."""
     if sortie.watches:
         return None
     if sortie.legs is not None:
@@ -93,23 +96,25 @@ def effort(sortie: Sortie) -> Array | None:
 
 
 def spread(mass: Array, swept: Array, cells: Array) -> Array:
-    """Return which share of an effort each cell gets, (C,), so that random search over all finds
-    most.
+    """Return the shares of an effort by cell (C,) that maximize the POS of random search.
 
-    mass: probability by scenario and cell, (S, C). swept: area swept for each scenario's object,
-    (S,) [m2]. cells: their areas [m2], (C,). At the optimum, a little more effort finds as much in
-    every cell that has any, and less in the others; that worth and the shares which lead to it are
-    both found by halving intervals.
+    At the optimum, marginal effort has equal value in all cells that have any, and less in the
+    others. The marginal value, and the shares for it, are both found by bisection.
+
+    Args:
+        mass: probability by scenario and cell, shape (S, C).
+        swept: area swept for each scenario's object [m2], shape (S,).
+        cells: areas of the cells [m2], shape (C,).
     """
     kinds, which = np.unique(swept, return_inverse=True)
-    if kinds.size < swept.size:  # what is swept alike is found alike
+    if kinds.size < swept.size:  # merge scenarios with the same swept area
         swept, mass = (
             kinds,
             np.array([mass[which == kind].sum(axis=0) for kind in range(kinds.size)]),
         )
     rate = swept[:, None] / cells
     slope = mass * rate
-    first = slope.sum(axis=0)  # what the first effort in a cell is worth
+    first = slope.sum(axis=0)  # marginal value of the first effort in a cell
 
     def shares(worth: float) -> Array:
         found = np.zeros(len(cells))
@@ -118,7 +123,7 @@ def spread(mass: Array, swept: Array, cells: Array) -> Array:
         share = np.zeros(len(some))
         for k in range(1, 41):
             share += 0.5**k * ((steep * np.exp(fall * (share + 0.5**k))).sum(axis=0) > worth)
-            if share.sum() > ALL:  # by how much is not asked
+            if share.sum() > ALL:  # the excess does not matter
                 break
         found[some] = share
         return found
@@ -143,11 +148,16 @@ def days(
     effective: float,
     until: Sequence[np.datetime64],
 ) -> tuple[Further, ...]:
-    """Return what searching on by days comes to, the effort of each day spent evenly over it.
+    """Return the result of searching on by days; the effort of a day is uniform in time.
 
-    mass, swept, cells: as in `spread`, swept in a day. alive: probability of being alive by
-    scenario in the middle of each of STEPS parts of each day and at its end, (days, STEPS + 1, S).
-    until: end of each day.
+    Args:
+        mass: probability by scenario and cell, shape (S, C).
+        swept: area swept in a day for each scenario's object [m2], shape (S,).
+        cells: areas of the cells [m2], shape (C,).
+        alive: probability of being alive by scenario in the middle of each of STEPS parts of each
+            day and at its end, shape (days, STEPS + 1, S).
+        effective: number of effective particles.
+        until: end of each day.
     """
     left, by_day = mass.copy(), []
     pos = saved = 0.0
@@ -174,15 +184,20 @@ def days(
 
 
 def like_the_last(
-    standing: Standing,
+    standing: SearchStatus,
     scenarios: Sequence[Scenario],
     start: np.datetime64,
     flown: Sequence[Sortie],
     data: xr.Dataset,
 ) -> tuple[tuple[Further, ...], str]:
-    """Return what days like the last one would add, and in words how that was computed.
+    """Return the result of further days like the last one, and in words how it was computed.
 
-    standing: of the search now. flown: the sorties so far. data: the forecast's maps.
+    Args:
+        standing: status of the search now.
+        scenarios: of the case.
+        start: of the run.
+        flown: sorties so far.
+        data: maps of the forecast.
     """
     day = np.timedelta64(24, "h")
     recent = [sortie for sortie in flown if standing.time - day < sortie.end <= standing.time]
@@ -190,7 +205,7 @@ def like_the_last(
     total = np.sum(efforts, axis=0) if efforts else np.zeros(len(scenarios))
     if not total.any():
         return (), (
-            "no sortie with a coverage was flown in the last 24 h: nothing says how much another day could search"
+            "no sortie with a coverage was flown in the last 24 h: no effort of a further day can be estimated"
         )
     times = data["time"].values.astype("datetime64[s]")
     later = np.flatnonzero(times >= standing.time)
@@ -203,7 +218,7 @@ def like_the_last(
         data["probability_by_scenario"].values[k].astype(float), data["cell_area"].values
     )
     if not (mass.sum(axis=1) * _mapped(total, standing, data)).any():
-        return (), "nothing is on the map that the sorties of the last 24 h could see"
+        return (), "the map holds nothing that the sorties of the last 24 h could detect"
     now = seconds(standing.time, start)
     parts = np.append((np.arange(STEPS) + 0.5) / STEPS, 1.0)  # of a day
     alive, until = [], []
@@ -224,24 +239,28 @@ def like_the_last(
     return days(mass, swept, cells, living, standing.effective, until), how
 
 
-def _mapped(values: Array, standing: Standing, data: xr.Dataset) -> Array:
-    """Return values by scenario (..., S) as maps have them: those that share a map count by their
-    mean.
-    """
-    return dataset.shown(data).means(values, standing.mass.sum(axis=1))
+def _mapped(values: Array, standing: SearchStatus, data: xr.Dataset) -> Array:
+    """Return values by scenario (..., S) for the maps; scenarios that share a map are averaged."""
+    return dataset.displayed_scenarios(data).means(values, standing.mass.sum(axis=1))
 
 
 def by_plan(
-    standing: Standing,
+    standing: SearchStatus,
     plan: Planned,
     updates: Sequence[Update],
     scenarios: Sequence[Scenario],
     start: np.datetime64,
 ) -> tuple[tuple[Further, ...], str]:
-    """Return what a plan adds, by the updates of its execution: one entry, at the end of its last
-    sortie.
+    """Return the result of a plan, and in words how it was computed.
 
-    standing: of the search before the plan.
+    The result has one entry, at the end of the last sortie.
+
+    Args:
+        standing: status of the search before the plan.
+        plan: the planned sorties.
+        updates: of the execution of the plan.
+        scenarios: of the case.
+        start: of the run.
     """
     missed, saved = np.ones(len(scenarios) + 1), 0.0
     for update in updates:
@@ -262,10 +281,13 @@ def by_plan(
 
 
 def _coarse(mass: Array, area: Array) -> tuple[Array, Array]:
-    """Return probability (S, C) and area (C,) of those blocks of cells that hold any probability.
+    """Return probability (S, C) and area (C,) of blocks of cells with any probability.
 
-    mass: (S, ny, nx). area: of cells [m2], (ny, nx). Of a block at the coast only the cells count
-    that hold probability: the water.
+    The area of a block only includes cells with probability: at the coast, the water.
+
+    Args:
+        mass: probability, shape (S, ny, nx).
+        area: of cells [m2], shape (ny, nx).
     """
     shape = mass.shape[1:]
     side = -(-max(shape) // ACROSS)

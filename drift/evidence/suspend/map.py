@@ -1,4 +1,4 @@
-"""The picture beside suspend.txt: who may be alive, what was searched, what searching on would add."""
+"""The picture of suspend.txt: survival, areas searched, and the value of searching on."""
 
 import textwrap
 from pathlib import Path
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from drift.evidence.filter.products.evidence_map import STROKES
 from drift.evidence.suspend.decision import Suspension
-from drift.evidence.suspend.text import immortal, reached
+from drift.evidence.suspend.text import missing_survival_warning, reached
 from drift.forecast import effective
 from drift.products.maps import labels, page, sheet
 from drift.products.maps.chart import GREY, INK
@@ -37,19 +37,21 @@ FOUND, ALIVE = "#cfe0ee", "#0b4f8a"
 
 
 def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> None:
-    """Draw what a decision to suspend rests on."""
-    on = sheet.begin(SHEET)
+    """Draw the basis of a decision to suspend."""
+    on = sheet.begin_page(SHEET)
     figure = on.figure
-    now = notation.group(suspension.now)
-    sheet.head(
+    now = notation.format_dtg(suspension.now)
+    sheet.write_head(
         on,
         imprint,
-        f"What a decision to suspend rests on, as of {now}, given that nothing has been found",
+        f"Basis of a decision to suspend, as of {now}, given that nothing has been found",
     )
     if suspension.count.few:
-        sheet.rough(on, effective.banner(suspension.count, "every figure here is rough"))
-    for words in immortal(suspension):
-        sheet.say(on, sheet.warning(0.825, 9, 160, "center"), words)
+        sheet.draw_rough_banner(
+            on, effective.banner(suspension.count, "every figure here is rough")
+        )
+    for words in missing_survival_warning(suspension):
+        sheet.write_line(on, sheet.warning(0.825, 9, 160, "center"), words)
     panels = [_alive, _left, _further] if suspension.mortal else [_left, _further]
     wide, high = (
         (0.265, 0.54) if suspension.mortal else (0.43, 0.56)
@@ -59,12 +61,12 @@ def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> Non
     ):
         panel(figure.add_axes((left, 0.2, wide, high)), suspension)
     _legend(figure, suspension)
-    sheet.say(on, Row(0.055, 8, 230, colour=GREY, va="center"), _note(suspension))
-    sheet.end(on, path, imprint, f"Suspend: {imprint.title}")
+    sheet.write_line(on, Row(0.055, 8, 230, colour=GREY, va="center"), _note(suspension))
+    sheet.finish_page(on, path, imprint, f"Suspend: {imprint.title}")
 
 
 def _note(suspension: Suspension) -> str:
-    """Return which errors the panels show, and which they do not and why."""
+    """Return the note on errors: which the panels show, and which they omit and why."""
     notes = []
     if suspension.mortal:
         notes.append("The band is the sampling error only: survival times are far less certain.")
@@ -76,7 +78,7 @@ def _note(suspension: Suspension) -> str:
             if suspension.planned
             else "Days have no error bars; drift is ignored, so later days look better than they are."
         )
-    return " ".join([*notes, "Nothing here recommends: see suspend.txt."])
+    return " ".join([*notes, "This is not a recommendation: see suspend.txt."])
 
 
 def _prepare(ax: Axes, head: str) -> None:
@@ -94,9 +96,7 @@ def _percents(ax: Axes) -> None:
 
 
 def _alive(ax: Axes, suspension: Suspension) -> None:
-    """Draw the probability of being alive by time, by scenario and of all, with two standard
-    errors.
-    """
+    """Draw the probability of being alive by time and scenario, with two standard errors."""
     _prepare(ax, "Probability of being alive")
     x = notation.epochs(suspension.times).astype(float)
     for s in range(len(suspension.scenarios) if len(suspension.scenarios) > 1 else 0):
@@ -131,7 +131,8 @@ def _alive(ax: Axes, suspension: Suspension) -> None:
         bbox=BOX,
     )
     lines = [
-        f"{100 * level:.0f} % at {notation.group(time)[:6]}Z" for level, time in reached(suspension)
+        f"{100 * level:.0f} % at {notation.format_dtg(time)[:6]}Z"
+        for level, time in reached(suspension)
     ]
     ax.text(
         0.98,
@@ -148,13 +149,13 @@ def _alive(ax: Axes, suspension: Suspension) -> None:
     ax.set_xlim(x[0], x[-1])
     ticks = labels.round_times(x[0], x[-1], 5)
     ax.set_xticks(
-        ticks, labels=[f"{notation.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks]
+        ticks, labels=[f"{notation.format_dtg(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks]
     )
     _percents(ax)
 
 
 def _left(ax: Axes, suspension: Suspension) -> None:
-    """Draw by scenario what would have been found, what was missed, and what no sortie searched."""
+    """Draw by scenario the probability found, the probability missed and that never searched."""
     _prepare(ax, "Searched so far")
     rows = [*suspension.scenarios, "all"] if len(suspension.scenarios) > 1 else ["all"]
     which = range(len(suspension.scenarios) + 1) if len(rows) > 1 else [len(suspension.scenarios)]
@@ -164,7 +165,7 @@ def _left(ax: Axes, suspension: Suspension) -> None:
     parts = (
         (pos, ALIVE, "", "cumulative POS: would have been found"),
         (missed, "#f3d9a4", "////", "searched and missed"),
-        ((1 - pos) * never, "#ffffff", "....", "never where a sortie searched"),
+        ((1 - pos) * never, "#ffffff", "....", "never in a searched area"),
     )
     left = np.zeros(len(rows))
     for width, colour, hatch, word in parts:
@@ -181,7 +182,7 @@ def _left(ax: Axes, suspension: Suspension) -> None:
             zorder=3,
         )
         left = left + width
-    for k, name in enumerate(page.names(rows, 32)):
+    for k, name in enumerate(page.shorten_names(rows, 32)):
         words = f"{name}: POS {notation.percent(float(pos[k]))}; of the rest {notation.percent(float(never[k]))} never searched"
         ax.text(0.01, y[k] - 0.33, words, fontsize=7, color=INK, va="bottom")
     ax.set_ylim(len(rows) - 0.5, -0.75)
@@ -199,10 +200,10 @@ def _left(ax: Axes, suspension: Suspension) -> None:
 
 
 def _further(ax: Axes, suspension: Suspension) -> None:
-    """Draw the probability that searching on finds, and finds alive, by its end.
+    """Draw the probability of finding the object, and of finding it alive, by searching on.
 
-    A plan has whiskers of two standard errors. Days on a map that is held err by more than their
-    particles do, and by how much is not known, so whiskers would mislead.
+    A plan has whiskers of two standard errors. Days on a fixed map have an unknown error beyond the
+    sampling error, so whiskers would mislead.
     """
     _prepare(ax, "Searching on from now")
     if not suspension.further:
@@ -256,7 +257,7 @@ def _further(ax: Axes, suspension: Suspension) -> None:
     ax.set_xlim(middle - half - 0.1, middle + half + 0.1)
     ax.set_xticks(
         x,
-        labels=[f"{notation.group(end.until)[:6]}Z" for end in suspension.further],
+        labels=[f"{notation.format_dtg(end.until)[:6]}Z" for end in suspension.further],
         rotation=30 if len(x) > 4 else 0,
     )
     _percents(ax)
@@ -288,7 +289,7 @@ def _further(ax: Axes, suspension: Suspension) -> None:
 
 
 def _legend(figure: Figure, suspension: Suspension) -> None:
-    """Write which line stands for which scenario."""
+    """Draw the legend of scenarios."""
     if not suspension.mortal or len(suspension.scenarios) == 1:
         return
     from matplotlib.lines import Line2D
@@ -303,7 +304,7 @@ def _legend(figure: Figure, suspension: Suspension) -> None:
         )
         for s in range(len(suspension.scenarios))
     ]
-    names = page.names(suspension.scenarios, 30)
+    names = page.shorten_names(suspension.scenarios, 30)
     sheet.legend(
         figure,
         [*zip(handles, names, strict=True), (Line2D([], [], **ALL), "all, two standard errors")],

@@ -1,4 +1,4 @@
-"""What a decision to suspend rests on, as ASCII text of WIDE columns; it recommends nothing."""
+"""The basis of a decision to suspend as ASCII text of WIDE columns, without a recommendation."""
 
 import textwrap
 
@@ -16,10 +16,14 @@ FIRST = (0.5, 0.1, 0.01)  # probabilities of being alive whose times are stated
 def suspension_text(
     suspension: Suspension, case_title: str, run: str, *, synthetic: bool = False, lost: float = 0.0
 ) -> str:
-    """Return what a decision to suspend rests on, as text.
+    """Return the basis of a decision to suspend as text.
 
-    run: its run_id. synthetic: whether winds or currents are made up. lost: probability that is on
-    no map.
+    Args:
+        suspension: the basis.
+        case_title: title of the case.
+        run: the run_id.
+        synthetic: whether winds or currents are synthetic.
+        lost: probability of particles on no map.
     """
     what = (
         "the last sortie or contact"
@@ -27,15 +31,15 @@ def suspension_text(
         else "what is known"
     )
     lines = [
-        "DECISION TO SUSPEND: WHAT IT RESTS ON",
+        "BASIS OF A DECISION TO SUSPEND",
         *_fill(case_title),
         f"Run {run}. Times are UTC.",
         "",
     ]
     lines += _fill(
-        f"As of {notation.group(suspension.now)}, {what}. All of it is given that nothing has been found."
+        f"As of {notation.format_dtg(suspension.now)}, {what}. All of it is given that nothing has been found."
     )
-    lines += _fill("The decision is the coordinator's: nothing here recommends.")
+    lines += _fill("The decision is the coordinator's: this is not a recommendation.")
     for warning in warnings(suspension, synthetic):
         lines += ["", *_fill(f"WARNING: {warning}")]
     for number, (head, body) in enumerate(
@@ -52,7 +56,7 @@ def suspension_text(
 
 
 def warnings(suspension: Suspension, synthetic: bool) -> list[str]:
-    """Return warnings of what is not reliable in it."""
+    """Return warnings about figures that are not reliable."""
     lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
     if suspension.count.few:
         lines.append(
@@ -60,10 +64,10 @@ def warnings(suspension: Suspension, synthetic: bool) -> list[str]:
                 suspension.count, "of all that were drawn", "every figure here is rough"
             )
         )
-    return lines + immortal(suspension)
+    return lines + missing_survival_warning(suspension)
 
 
-def immortal(suspension: Suspension) -> list[str]:
+def missing_survival_warning(suspension: Suspension) -> list[str]:
     """Return a warning if some scenarios have no survival times while others have them."""
     names = ", ".join(
         f'"{name}"'
@@ -81,7 +85,10 @@ def give_or_take(value: float, error: float) -> str:
 
 
 def reached(suspension: Suspension) -> list[tuple[float, np.datetime64]]:
-    """Return when the probability of being alive falls to each of FIRST, within the curve."""
+    """Return the times when the probability of being alive falls to each of FIRST.
+
+    Times outside the curve are left out.
+    """
     alive, times = suspension.alive[:, -1], notation.epochs(suspension.times)
     crossings = []
     for level in FIRST:
@@ -97,18 +104,18 @@ def reached(suspension: Suspension) -> list[tuple[float, np.datetime64]]:
 
 def _alive(suspension: Suspension) -> list[str]:
     if not suspension.mortal:
-        return _fill("No scenario has survival times (survival = ...): nothing can be said.", 3)
+        return _fill("No scenario has survival times (survival = ...), so survival is unknown.", 3)
     several = len(suspension.scenarios) > 1
     lines = [f"   {'':18}{'From now':10}Probability of being alive"]
     for time, mean, error in suspension.ahead:
         hours = float((time - suspension.now) / np.timedelta64(1, "h"))
         ahead = "now" if hours == 0 else f"+{hours:.0f} h" if hours < 72 else f"+{hours / 24:.0f} d"
         lines.append(
-            f"   {notation.group(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}"
+            f"   {notation.format_dtg(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}"
         )
     for level, time in reached(suspension):
         tense = "was" if time < suspension.now else "is"
-        lines.append(f"   It {tense} {100 * level:.0f} % at {notation.group(time)}.")
+        lines.append(f"   It {tense} {100 * level:.0f} % at {notation.format_dtg(time)}.")
     lines += ["   By scenario, now:"] if several else []
     for s, basis in enumerate(suspension.bases):
         now = (
@@ -118,7 +125,7 @@ def _alive(suspension: Suspension) -> list[str]:
         )
         name = f'"{suspension.scenarios[s]}": ' if several else ""
         lines += _fill(f"{name}{now}{basis or 'no survival times'}", 3, 6)
-    caveat = "The error is that of the particles. Survival times are far less sure: take half and twice the median to see."
+    caveat = "The error is that of the particles. Survival times are far less certain: try half and twice the median."
     return [*lines, *_fill(caveat, 3)]
 
 
@@ -135,7 +142,7 @@ def _searched(suspension: Suspension) -> list[str]:
         ]
         poc, pod, pos, so_far = (f"{100 * v:.1f} %" if np.isfinite(v) else "" for v in figures)
         lines.append(
-            f"   {name:25}{notation.group(update.time)[:6] + 'Z':9}{size:>8}{poc:>8}{pod:>8}{pos:>8}{so_far:>9}"
+            f"   {name:25}{notation.format_dtg(update.time)[:6] + 'Z':9}{size:>8}{poc:>8}{pod:>8}{pos:>8}{so_far:>9}"
         )
     total = float(suspension.cumulative[-1])
     lines += ["", f"   Cumulative POS  {give_or_take(total, float(suspension.error(total)))}"]
@@ -161,13 +168,11 @@ def _left(suspension: Suspension, lost: float) -> list[str]:
         )
         for s, name in enumerate(suspension.scenarios if len(suspension.scenarios) > 1 else ()):
             lines += _fill(
-                f'"{name}": {notation.percent(float(suspension.never[s]))} of it never searched',
+                f'"{name}": {notation.percent(float(suspension.never[s]))} of its probability never searched',
                 3,
                 6,
             )
-        lines += _fill(
-            "Right after each sortie, the probability that was left where it had searched:", 3
-        )
+        lines += _fill("Probability left in the searched area right after each sortie:", 3)
         for update, _ in suspension.sorties:
             if update.poc is not None and update.pos is not None:
                 poc, pos = float(update.poc[-1]), float(update.pos[-1])
@@ -175,7 +180,7 @@ def _left(suspension: Suspension, lost: float) -> list[str]:
                     f"{notation.percent((poc - pos) / max(1 - pos, 1e-12))}  {update.name}", 3, 6
                 )
     else:
-        lines += _fill("Nothing has been searched: all of it is left.", 3)
+        lines += _fill("Nothing has been searched: all of the probability is left.", 3)
     if lost > 0:
         lines += _fill(
             f"At the end of the run {notation.percent(lost)} is on no map: see the account in summary.json.",
@@ -197,7 +202,7 @@ def _further(suspension: Suspension) -> list[str]:
         head += f"{'Found alive':>18}{'Alive, not found':>19}"
     lines += ["", head]
     for end in suspension.further:
-        row = f"   {notation.group(end.until):16}{figure(end.pos, end.pos_error):>18}"
+        row = f"   {notation.format_dtg(end.until):16}{figure(end.pos, end.pos_error):>18}"
         if suspension.mortal:
             row += f"{figure(end.alive, end.alive_error):>18}{notation.percent(end.waiting):>19}"
         lines.append(row)

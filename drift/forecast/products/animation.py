@@ -90,22 +90,22 @@ def _frames(forecast: Forecast, setting: Setting, flown: AtTime) -> Iterator[Ima
     land = chart.land_path(frame, setting.polygons(frame.box()), 800)
     sure = [i for i in order if not effective.effective_at(forecast.data, i).few]
     top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or order)
-    corner = chart.free_corner(frame, *layers.occupied(frame, forecast, times))
+    corner = chart.free_corner(frame, *layers.label_obstacles(frame, forecast, times))
     waiting = forecast_words.waiting(forecast.data)
     for i in order:
         at = forecast.data.isel(time=i)
-        on = sheet.begin(SHEET)
+        on = sheet.begin_page(SHEET)
         ax = on.figure.add_axes(MAP)
         mesh = forecast_map.small_map(ax, frame, forecast, i, top, land, setting, [flown])
         chart.graticule(ax, frame)
         chart.scale_bar(ax, frame, corner)
-        valid = f"Valid {notation.group(times[i])}   ({notation.iso(times[i])}, UTC)"
-        sheet.head(on, setting.imprint, valid, forecast_map.sizes(at, waiting))
+        valid = f"Valid {notation.format_dtg(times[i])}   ({notation.iso(times[i])}, UTC)"
+        sheet.write_head(on, setting.imprint, valid, forecast_map.sizes(at, waiting))
         count = effective.effective_at(forecast.data, i, setting.particles)
         if count.few:
-            sheet.rough(on, effective.banner(count))
+            sheet.draw_rough_banner(on, effective.banner(count))
         forecast_map.log_bar(on.figure, (0.9, 0.3, 0.015, 0.3), mesh)
-        sheet.foot(on, setting.imprint)
+        sheet.write_footer(on, setting.imprint)
         file = io.BytesIO()
         on.figure.savefig(file, format="png", dpi=SHEET.dpi)
         yield Image.open(file).convert("RGB")

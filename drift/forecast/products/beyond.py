@@ -17,7 +17,9 @@ NEARLY = 0.9  # share of the probability outside that counts as all of it
 NAMED = 3  # places listed by name; the rest are counted
 
 
-def left_out(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
+def outside_frame_sentence(
+    frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None
+) -> str:
     """Return a sentence on what a frame leaves out of the map at a time; "" if that is negligible.
 
     A place is reported if no point of it is inside the frame; probability if more than TELLING is
@@ -50,7 +52,7 @@ def within(frame: Frame, points: Array) -> Array:
     return frame.holds(*frame.project(points[:, 0], points[:, 1]))
 
 
-def hidden(frame: Frame, shapes: Sequence[Array]) -> bool:
+def is_outside_frame(frame: Frame, shapes: Sequence[Array]) -> bool:
     """Return True if shapes are all outside a frame: no line crosses it and no closed shape
     surrounds it.
     """
@@ -122,7 +124,7 @@ def named(frame: Frame, places: Mapping[str, Sequence[Array]]) -> str:
     outside = [
         f"{name}, {_direction_and_position(frame, *shapes[0].mean(axis=0))}"
         for name, shapes in places.items()
-        if hidden(frame, shapes)
+        if is_outside_frame(frame, shapes)
     ]
     if not outside:
         return ""

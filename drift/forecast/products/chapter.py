@@ -13,7 +13,7 @@ from drift.forecast import tracks as forecast_tracks
 from drift.forecast.build import Forecast
 from drift.forecast.products import tables
 from drift.forecast.tracks import Trajectories
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 
 
@@ -34,7 +34,7 @@ def _map(matter: ForecastOutputs, path: Path) -> None:
     # imported here because Matplotlib takes a second
     from drift.forecast.products import map as forecast_map
 
-    time = mapped.opening(matter.forecast.data, matter.setting.opens)
+    time = mapped.opening_output(matter.forecast.data, matter.setting.opens)
     forecast_map.draw_map(
         matter.forecast, path, matter.setting, time=time, overlays=matter.overlays
     )
@@ -74,12 +74,12 @@ SCENARIO_PICTURES: dict[str, Callable[[ForecastOutputs, Path], None]] = {  # of 
 }
 
 
-def chapter(matter: ForecastOutputs) -> Chapter:
+def forecast_bundle(matter: ForecastOutputs) -> OutputBundle:
     """Return the output bundle of a forecast."""
     several = matter.forecast.data.sizes["scenario"] > 1
-    return Chapter(
+    return OutputBundle(
         tables.summary_of_forecast(matter.forecast, matter.setting.opens),
-        bound(FILES, matter),
-        bound(PICTURES | SCENARIO_PICTURES if several else PICTURES, matter),
+        bind_outputs(FILES, matter),
+        bind_outputs(PICTURES | SCENARIO_PICTURES if several else PICTURES, matter),
         leaves=(partial(_leaves, matter),),
     )

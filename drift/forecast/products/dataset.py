@@ -209,7 +209,7 @@ class Maps:
         self.per_kernel[i], self.height[i] = area.per_kernel, area.cells.height
         self.areas[i], self.held_out[i] = area.areas, area.held_out
         for values in self._cellwise:
-            temporary.let_go(values)
+            temporary.release_pages(values)
 
     def values(self) -> dict[str, Array]:
         """Return the variables by cell and time, and those by time."""
@@ -284,7 +284,7 @@ def build_dataset(
     return forecast
 
 
-def shown(data: xr.Dataset) -> Shown:
+def displayed_scenarios(data: xr.Dataset) -> Shown:
     """Return which scenarios of a forecast have maps of their own."""
     return likeliest.likeliest_scenarios(data["scenario_probability"].values)
 

@@ -21,8 +21,8 @@ def forecast_headline(data: xr.Dataset, opens: np.datetime64 | None) -> str:
         data: of a drift.forecast.build.Forecast.
         opens: the time that the map shows first; None: the last.
     """
-    at = data.isel(time=mapped.opening(data, opens))
-    when = notation.group(at["time"].values)
+    at = data.isel(time=mapped.opening_output(data, opens))
+    when = notation.format_dtg(at["time"].values)
     if not at["probability"].values.sum() > 0:
         return f"At {when} nothing is on the map."
     afloat = at["status_probability"].sel(status="adrift").item()
@@ -46,9 +46,9 @@ def _place(at: xr.Dataset, ashore: bool) -> str:
     row, column = np.unravel_index(int(density.argmax()), density.shape)
     lon, lat = float(at["lon"].values[column]), float(at["lat"].values[row])
     named = f"{'ashore ' * ashore}near {notation.position(lon, lat)}"
-    (near,) = gazetteer.nearest(np.array([lon]), np.array([lat]))
+    (near,) = gazetteer.nearest_towns(np.array([lon]), np.array([lat]))
     if near.away > FAR:
         return named
     if near.away < gazetteer.BESIDE:
         return f"{named} ({gazetteer.place_in_words(near)})"
-    return f"{named}, {notation.toward(near.lon, near.lat, lon, lat).replace(' to the ', ' ')} of {near.name}"
+    return f"{named}, {notation.distance_and_direction(near.lon, near.lat, lon, lat).replace(' to the ', ' ')} of {near.name}"

@@ -140,7 +140,7 @@ def extent(
         )
     frame = chart.frame(every_lon[finite], every_lat[finite], aspect, margin=0.05)
     for shapes in also:
-        if beyond.hidden(frame, shapes):
+        if beyond.is_outside_frame(frame, shapes):
             more = [
                 *lines,
                 *(Line(points[:, 0].tolist(), points[:, 1].tolist(), "") for points in shapes),
@@ -238,7 +238,7 @@ def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) 
     )
 
 
-def kept(polygon: shapely.MultiPolygon) -> list[Array]:
+def rings_to_draw(polygon: shapely.MultiPolygon) -> list[Array]:
     """Return the rings to draw of an area, each (n, 2), without small islands and holes.
 
     Islands and holes smaller than ISLAND of the area are left out, in pictures only. Where islands
@@ -264,7 +264,9 @@ def kept(polygon: shapely.MultiPolygon) -> list[Array]:
 
 def rings(ax: Axes, frame: Frame, polygon: shapely.MultiPolygon, style: dict[str, Any]) -> None:
     """Draw the outlines of an area."""
-    lines = [np.column_stack(frame.project(ring[:, 0], ring[:, 1])) for ring in kept(polygon)]
+    lines = [
+        np.column_stack(frame.project(ring[:, 0], ring[:, 1])) for ring in rings_to_draw(polygon)
+    ]
     ax.add_collection(
         LineCollection(
             lines,
@@ -299,7 +301,7 @@ def lines(shares: Sequence[float]) -> dict[float, dict[str, Any]]:
     )
 
 
-def line(share: float, forecast: Forecast, few: bool = False) -> dict[str, Any]:
+def outline_style(share: float, forecast: Forecast, few: bool = False) -> dict[str, Any]:
     """Return the style of an area's outline; few: few effective particles, drawn thin and grey."""
     style = lines(forecast.shares)[share]
     return unsure(style) if few else style
@@ -330,7 +332,10 @@ def widest(outlines: Sequence[Contour]) -> shapely.MultiPolygon:
 
 def rough(ax: Axes, frame: Frame, area: shapely.MultiPolygon) -> None:
     """Hatch an area with few effective particles: its edges are uncertain."""
-    rings = [Outline(np.column_stack(frame.project(*ring.T)), closed=True) for ring in kept(area)]
+    rings = [
+        Outline(np.column_stack(frame.project(*ring.T)), closed=True)
+        for ring in rings_to_draw(area)
+    ]
     if rings:
         chart.outline(ax, PathPatch(Outline.make_compound_path(*rings), zorder=2.5, **ROUGH))
 
@@ -353,7 +358,7 @@ def outline(
     if few:
         rough(ax, frame, widest(contours))
     for contour in contours:
-        style = line(contour.share, forecast, few)
+        style = outline_style(contour.share, forecast, few)
         rings(ax, frame, contour.polygon, {**style, "linewidth": width * style["linewidth"]})
 
 
@@ -362,7 +367,7 @@ def _coast(
 ) -> None:
     """Draw the coast inside the areas of a time as bands over the land; see `outline`."""
     time = int(np.flatnonzero(forecast.data["time"].values == contours[0].time)[0])
-    found = coastal.strips(
+    found = coastal.coast_lines_by_share(
         forecast.data.isel(time=time), sorted(contour.share for contour in contours)
     )
     for share in sorted(found, reverse=True):
@@ -379,7 +384,7 @@ def band(share: float, forecast: Forecast, few: bool = False, width: float = 1.0
     outermost.
     """
     style, light = (
-        line(share, forecast, few),
+        outline_style(share, forecast, few),
         forecast.shares.index(share) / max(len(forecast.shares) - 1, 1),
     )
     ink = np.array(to_rgb(style["color"]))
@@ -398,7 +403,11 @@ def bands(
     there is none.
     """
     found = sorted(
-        {share for time in times for share in coastal.strips(forecast.data.isel(time=time), shares)}
+        {
+            share
+            for time in times
+            for share in coastal.coast_lines_by_share(forecast.data.isel(time=time), shares)
+        }
     )
     if not found:
         return []
@@ -505,7 +514,7 @@ def ashore_marks(
     return total
 
 
-def occupied(frame: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Array, Array]:
+def label_obstacles(frame: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Array, Array]:
     """Return points [m] that labels must not cover: the outer contours and the track."""
     xy = [
         np.column_stack(
@@ -522,7 +531,7 @@ def occupied(frame: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Ar
     return every[:, 0], every[:, 1]
 
 
-def complete(forecast: Forecast) -> int:
+def first_complete_output(forecast: Forecast) -> int:
     """Return the first output whose mean includes practically all releases; see
     effective.released.
     """
@@ -560,7 +569,7 @@ def track(
     last = range(len(times))[time]
     picks = [i for i in range(last + 1) if np.isfinite(lat[i])]
     x, y = frame.project(lon[picks], lat[picks])
-    first = int(np.searchsorted(picks, complete(forecast)))
+    first = int(np.searchsorted(picks, first_complete_output(forecast)))
     ax.plot(x[first:], y[first:], color="white", linewidth=3.2, zorder=10, solid_capstyle="round")
     ax.plot(x[first:], y[first:], color=TRACK, linewidth=1.4, zorder=10.5)
     ax.plot(
@@ -586,14 +595,14 @@ def track(
     texts += [
         (float(x[k]), float(y[k]), notation.day_time(times[picks[k]]), small) for k in written
     ]
-    cx, cy = occupied(frame, forecast, [times[last]])
+    cx, cy = label_obstacles(frame, forecast, [times[last]])
     mx, my = frame.project([m.lon for m in marks], [m.lat for m in marks])
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, np.append(cx, mx), np.append(cy, my)))
     now = len(texts) - 1
     texts += [(*_at(frame, lon, lat), name, NAME) for lon, lat, name in names]
     towns = [
         place
-        for place in gazetteer.around(frame.box())
+        for place in gazetteer.places_in_box(frame.box())
         if frame.holds(*_at(frame, place.lon, place.lat))
     ]
     ax.plot(

@@ -58,7 +58,7 @@ def draw_map(
     """Draw the forecast at one output (index) into a file; overlays: layers of other topics by
     time.
     """
-    sheet.end(_draw_page(forecast, setting, time, overlays), path, setting.imprint)
+    sheet.finish_page(_draw_page(forecast, setting, time, overlays), path, setting.imprint)
 
 
 def figure(
@@ -66,14 +66,14 @@ def figure(
 ) -> Figure:
     """Return the picture of `draw_map` as a Matplotlib figure."""
     on = _draw_page(forecast, setting, time, overlays)
-    sheet.foot(on, setting.imprint)
+    sheet.write_footer(on, setting.imprint)
     return on.figure
 
 
 def _draw_page(
     forecast: Forecast, setting: Setting, time: int, overlays: Sequence[AtTime]
 ) -> sheet.Page:
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
     drawn_over = [overlay(now) for overlay in (*setting.overlays, *overlays)]
@@ -103,12 +103,14 @@ def _draw_page(
     names = [*stories, *(name for overlay in drawn_over for name in overlay.names)]
     layers.track(ax, on.canvas, frame, forecast, time, setting.marks, names)
 
-    valid = f"Valid {notation.group(now)}   ({notation.iso(now)}, UTC)"
-    sheet.head(on, setting.imprint, valid, forecast_words.basis(forecast, time, setting.particles))
+    valid = f"Valid {notation.format_dtg(now)}   ({notation.iso(now)}, UTC)"
+    sheet.write_head(
+        on, setting.imprint, valid, forecast_words.basis(forecast, time, setting.particles)
+    )
     if count.few:
-        sheet.rough(on, effective.banner(count))
+        sheet.draw_rough_banner(on, effective.banner(count))
     for k, text in enumerate(warnings, 1 + count.few):
-        sheet.say(on, sheet.warning(0.879 - ROW * k, 9.5, 130), text)
+        sheet.write_line(on, sheet.warning(0.879 - ROW * k, 9.5, 130), text)
     rows = _rows(forecast, setting, time, outlines, ashore, land is not None, count.few)
     rows += [row for overlay in drawn_over for row in overlay.key]
     _legend(on.figure, rows)
@@ -132,7 +134,7 @@ def _layout(
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
     texts = (
-        forecast_words.missing(at),
+        forecast_words.off_map_warning(at),
         forecast_words.unshaded(at),
         *effective.parts(forecast.data, time),
     )
@@ -147,7 +149,11 @@ def _layout(
         frame = layers.extent(
             forecast, [now], setting.marks, setting.lines, aspect, places.values()
         )
-        return height, frame, textwrap.wrap(beyond.left_out(frame, at, places), WARNED)
+        return (
+            height,
+            frame,
+            textwrap.wrap(beyond.outside_frame_sentence(frame, at, places), WARNED),
+        )
 
     height, frame, left_out = under(len(warnings))
     if left_out:
@@ -166,7 +172,7 @@ def draw_snapshots(
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
     rows = -(-len(picks) // columns)
     # A panel with hardly any releases says so itself: see effective.RELEASED.
-    out = [i for i in picks if i >= layers.complete(forecast)]
+    out = [i for i in picks if i >= layers.first_complete_output(forecast)]
     least, least_at = effective.fewest(forecast.data, out, setting.particles)
     wide, gap, head, foot, side = (
         3.0,
@@ -183,7 +189,7 @@ def draw_snapshots(
         columns * wide + (columns - 1) * gap + side + 1.1,
         rows * (wide + 0.28) + head + foot,
     )
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             width,
             height,
@@ -212,12 +218,12 @@ def draw_snapshots(
         at, waiting = forecast.data.isel(time=i), forecast_words.waiting(forecast.data)
         notes = (
             [_off_map(at, waiting)]
-            if forecast_words.missing(at) and np.isfinite(at["mean_lat"])
+            if forecast_words.off_map_warning(at) and np.isfinite(at["mean_lat"])
             else []
         )
         mesh = small_map(ax, frame, forecast, i, top, land, setting, overlays, notes)
         ax.set_title(
-            notation.group(at["time"].values[()]),
+            notation.format_dtg(at["time"].values[()]),
             fontsize=9,
             weight="bold",
             loc="left",
@@ -230,15 +236,15 @@ def draw_snapshots(
             chart.scale_bar(
                 ax,
                 frame,
-                chart.free_corner(frame, *layers.occupied(frame, forecast, times)),
+                chart.free_corner(frame, *layers.label_obstacles(frame, forecast, times)),
                 small=True,
             )
-    sheet.head(
+    sheet.write_head(
         on, imprint, _with_particles(forecast_words.span(times, forecast.ends), setting.particles)
     )
     if least.few:
-        when = notation.group(forecast.data["time"].values[least_at])
-        sheet.rough(on, effective.banner(least, "areas are rough", when))
+        when = notation.format_dtg(forecast.data["time"].values[least_at])
+        sheet.draw_rough_banner(on, effective.banner(least, "areas are rough", when))
     if key:
         place: dict[str, Any] = {
             "loc": "lower left",
@@ -248,7 +254,7 @@ def draw_snapshots(
             on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place
         )
     log_bar(on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh)
-    sheet.end(on, path, imprint)
+    sheet.finish_page(on, path, imprint)
 
 
 def small_map(
@@ -292,7 +298,7 @@ def log_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -
     """
     bar, top = figure.add_axes(box), mesh.norm.vmax
     figure.colorbar(mesh, cax=bar, extend="both")
-    per, unit = labels.scale(top)
+    per, unit = labels.density_unit(top)
     powers = 10.0 ** np.arange(np.ceil(np.log10(top * per) - 3), np.floor(np.log10(top * per)) + 1)
     bar.set_yticks(powers / per, labels=[labels.plain(v) for v in powers])
     bar.minorticks_off()
@@ -350,12 +356,12 @@ def _rows(
         words = (
             f"{notation.hundredths(outline.share)} % area: {'rough, ' if few else ''}{size} nmi²"
         )
-        rows.append((Line2D([], [], **layers.line(outline.share, forecast, few)), words))
+        rows.append((Line2D([], [], **layers.outline_style(outline.share, forecast, few)), words))
     rows += layers.bands(forecast, [time], forecast.shares, few)
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: too few effective particles"))
     style: dict[str, Any] = {"color": layers.TRACK, "marker": "o"}
-    first, last = layers.complete(forecast), range(forecast.data.sizes["time"])[time]
+    first, last = layers.first_complete_output(forecast), range(forecast.data.sizes["time"])[time]
     if first <= last:
         rows.append(
             (
@@ -427,7 +433,7 @@ def _panel(figure: Figure, at: Any, mesh: Any) -> None:
     """Write positions, the colour bar and the sizes of the areas beside the map."""
     mean = notation.position(float(at["mean_lon"]), float(at["mean_lat"])) or "none"
     datum = notation.position(float(at["datum_lon"]), float(at["datum_lat"])) or "none"
-    called = f"Datum ({forecast_words.afloat(at)})"
+    called = f"Datum ({forecast_words.moving_text(at)})"
     apart = "   " if len(called) <= 20 else "\n    "
     figure.text(
         0.738,
@@ -443,7 +449,7 @@ def _panel(figure: Figure, at: Any, mesh: Any) -> None:
     figure.text(
         0.738,
         0.145,
-        f"Areas are the smallest that hold the stated\nshare of the probability {forecast_words.mapped(at)}.\n"
+        f"Areas are the smallest that hold the stated\nshare of the probability {forecast_words.on_map_text(at)}.\n"
         f"Shaded: {100 * mapped.SHOWN:g} %. Islands and holes of under\n"
         f"{100 * layers.ISLAND:g} % of an area are not drawn.",
         fontsize=8,

@@ -32,7 +32,7 @@ def forecast_leaves(
     lon = sphere.to_degrees(tracks.lon)
     return [
         leaves.headline_leaf(headline.forecast_headline(data, opens)),
-        leaves.maps(
+        leaves.maps_leaf(
             "Probability",
             data["time"].values,
             data["lon"].values,
@@ -43,7 +43,7 @@ def forecast_leaves(
             containment=data["containment"].values,
             shown=mapped.SHOWN,
         ),
-        leaves.shapes(
+        leaves.shapes_leaf(
             "Areas",
             "contours.geojson",
             "area",
@@ -55,7 +55,7 @@ def forecast_leaves(
                 ("effective_particles", "Effective particles", "count"),
             ],
         ),
-        leaves.points(
+        leaves.points_leaf(
             "Ashore at the end",
             "ashore.csv",
             "ashore",
@@ -69,7 +69,7 @@ def forecast_leaves(
             ],
         ),
         *_on_coast(forecast),
-        leaves.sample(
+        leaves.sample_leaf(
             "Tracks of a sample",
             tracks.time,
             lon,
@@ -78,8 +78,8 @@ def forecast_leaves(
             [status.name.lower() for status in sorted(Status)],
             tracks.scenario,
         ),
-        leaves.track("Datum", "track.csv", "datum_lon", "datum_lat", "datum", shown=False),
-        leaves.track("Mean position", "track.csv", "mean_lon", "mean_lat", "mean"),
+        leaves.track_leaf("Datum", "track.csv", "datum_lon", "datum_lat", "datum", shown=False),
+        leaves.track_leaf("Mean position", "track.csv", "mean_lon", "mean_lat", "mean"),
         leaves.table_leaf(
             "By time",
             _columns(data),
@@ -99,14 +99,16 @@ def _on_coast(forecast: Forecast) -> list[Leaf]:
             geojson.lines([lines]), {"time": notation.iso(at["time"].values[()]), "level": share}
         )
         for at in (data.isel(time=k) for k in range(data.sizes["time"]))
-        for share, lines in sorted(coastal.strips(at, forecast.shares).items(), reverse=True)
+        for share, lines in sorted(
+            coastal.coast_lines_by_share(at, forecast.shares).items(), reverse=True
+        )
     ]
     told = [("level", "Coast, of the area that holds", "share")]
     # A spill reports stretches of coast instead.
     shown = "effective_worlds" not in data
     return (
         [
-            leaves.features(
+            leaves.features_leaf(
                 "Areas on the coast", drawn, "coast", when=leaves.AT, told=told, shown=shown
             )
         ]

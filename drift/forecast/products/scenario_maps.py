@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from drift.forecast import effective
 from drift.forecast.build import Forecast
-from drift.forecast.by_scenario import OneScenario, each
+from drift.forecast.by_scenario import OneScenario, forecasts_by_scenario
 from drift.forecast.products import layers
 from drift.forecast.products import map as forecast_map
 from drift.forecast.products import words as forecast_words
@@ -35,19 +35,19 @@ def plot_scenarios(
     """Draw the scenarios at the last output; overlays: as in
     drift.forecast.products.map.draw_snapshots.
     """
-    found, imprint = each(forecast, -1), setting.imprint
+    found, imprint = forecasts_by_scenario(forecast, -1), setting.imprint
     now = forecast.data["time"].values[-1]
     last = replace(forecast, data=forecast.data.isel(time=[-1]))
     all_of = "All classes" if "effective_worlds" in last.data else "All scenarios"
     panels = [OneScenario(all_of, 1.0, 1.0, last), *found]
-    names = page.names([story.name for story in panels], LETTERS)
+    names = page.shorten_names([story.name for story in panels], LETTERS)
     few = [story.name for story in panels if _count(story, setting).few]
     sure = [story for story in panels if story.name not in few] or panels
     columns = min(len(panels), 4)
     rows = -(-len(panels) // columns)
     head, foot = 1.0 + 0.3 * (bool(imprint.caution) + bool(few)), 0.85
     width, height = columns * (WIDE + GAP) - GAP + SIDE + 1.1, rows * (WIDE + OVER) + head + foot
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             width,
             height,
@@ -93,20 +93,20 @@ def plot_scenarios(
             chart.scale_bar(
                 ax,
                 frame,
-                chart.free_corner(frame, *layers.occupied(frame, forecast, [now])),
+                chart.free_corner(frame, *layers.label_obstacles(frame, forecast, [now])),
                 small=True,
             )
-    sheet.head(on, imprint, _contents(forecast, setting, found))
+    sheet.write_head(on, imprint, _contents(forecast, setting, found))
     if few:
         listed = "; ".join(few[:3]) + (f" and {len(few) - 3} more" if len(few) > 3 else "")
-        sheet.rough(on, f"TOO FEW EFFECTIVE PARTICLES, areas are rough: {listed}")
+        sheet.draw_rough_banner(on, f"TOO FEW EFFECTIVE PARTICLES, areas are rough: {listed}")
     place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (SIDE / width, 0.3 / height)}
     key = _legend_rows(panels, setting) + [row for overlay in overlays for row in overlay(now).key]
     sheet.legend(on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place)
     forecast_map.log_bar(
         on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh
     )
-    sheet.end(on, path, imprint)
+    sheet.finish_page(on, path, imprint)
 
 
 def _count(story: OneScenario, setting: Setting) -> effective.Count:
@@ -148,10 +148,10 @@ def _titles(ax: Any, story: OneScenario, name: str, whole: bool) -> None:
 def _contents(forecast: Forecast, setting: Setting, found: Sequence[OneScenario]) -> str:
     """Return a one-line description of the page."""
     many = forecast.data.sizes["scenario"]
-    held = forecast_words.held(forecast.ends)
+    held = forecast_words.small_map_caption(forecast.ends)
     classes = "effective_worlds" in forecast.data
     parts = [
-        notation.group(forecast.data["time"].values[-1]),
+        notation.format_dtg(forecast.data["time"].values[-1]),
         "each class by itself, with its share"
         if classes
         else "each as if it were true, with its probability",
@@ -169,7 +169,7 @@ def _legend_rows(panels: Sequence[OneScenario], setting: Setting) -> list[tuple[
     every = panels[0].forecast
     rows: list[tuple[Any, str]] = []
     for share in every.ends:
-        style = layers.line(share, every)
+        style = layers.outline_style(share, every)
         symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
         rows.append((symbol, f"{notation.hundredths(share)} % area"))
     rows += next(

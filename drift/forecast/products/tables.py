@@ -19,7 +19,7 @@ from geo.notation import NMI
 def summary_of_forecast(forecast: Forecast, opens: np.datetime64 | None = None) -> dict[str, Any]:
     """Return the forecast's entries of the summary: `scenarios` and, by time, `outputs`.
 
-    opens: the time that the map and the report show first (drift.forecast.mapped.opening); it is
+    opens: the time that the map and the report show first (drift.forecast.mapped.opening_output); it is
     included.
     """
     data = forecast.data
@@ -31,7 +31,7 @@ def summary_of_forecast(forecast: Forecast, opens: np.datetime64 | None = None) 
             for i, name in enumerate(names)
         ],
         "outputs": [_output(forecast, i) for i in range(data.sizes["time"])],
-        "opens": data["time"].values[mapped.opening(data, opens)],
+        "opens": data["time"].values[mapped.opening_output(data, opens)],
     }
 
 
@@ -42,7 +42,7 @@ def _output(forecast: Forecast, i: int) -> dict[str, Any]:
     status = [str(s) for s in at["status"].values]
     return {
         "time": at["time"].values[()],
-        "date_time_group": notation.group(at["time"].values[()]),
+        "date_time_group": notation.format_dtg(at["time"].values[()]),
         "mean": _place(at["mean_lon"].item(), at["mean_lat"].item()),
         "datum": _place(at["datum_lon"].item(), at["datum_lat"].item()),
         "area_nmi2": dict(zip(held, areas / NMI**2, strict=True)),
@@ -51,7 +51,7 @@ def _output(forecast: Forecast, i: int) -> dict[str, Any]:
         "probability": dict(zip(status, at["status_probability"].values, strict=True)),
         **counts(data, i),
         "effective_by_status": dict(zip(status, at["status_effective"].values, strict=True)),
-        "scenarios": _scenarios(at, dataset.shown(data)),
+        "scenarios": _scenarios(at, dataset.displayed_scenarios(data)),
     }
 
 
@@ -104,7 +104,7 @@ def track(forecast: Forecast, run: str) -> str:
         rows.append(
             [
                 notation.iso(when),
-                notation.group(when),
+                notation.format_dtg(when),
                 *_numbers(sphere.wrap_degrees(mean[0]), mean[1], form=".6f"),
                 notation.position(*mean) or "",
                 *_numbers(sphere.wrap_degrees(datum[0]), datum[1], form=".6f"),

@@ -48,7 +48,7 @@ def steers(data: Any) -> bool:
     return "under_way" in data["status"].values
 
 
-def afloat(at: Any) -> str:
+def moving_text(at: Any) -> str:
     """Return the word for moving particles at a time: "adrift", "under way", or both.
 
     Where targets steer and nothing moves, it is "under way".
@@ -60,7 +60,7 @@ def afloat(at: Any) -> str:
     return " or ".join(kinds) or "under way"
 
 
-def mapped(at: Any) -> str:
+def on_map_text(at: Any) -> str:
     """Return the word for particles on the map."""
     return "on the map" if steers(at) else "adrift or ashore"
 
@@ -84,7 +84,7 @@ def account(at: Any) -> str:
     return "Account:  " + "   ·   ".join(parts)
 
 
-def missing(at: Any) -> str:
+def off_map_warning(at: Any) -> str:
     """Return a warning of probability that is not on the map; "" if it is at most TELLING."""
     off = {name: value for name, value in statuses(at).items() if name in OFF_MAP and value > 0}
     told = OFF_MAP | OFF_MAP_STEERING if steers(at) else OFF_MAP
@@ -109,7 +109,7 @@ def basis(forecast: Forecast, time: int, particles: int | None) -> str:
     """Return a text with the start of the forecast and its effective number of particles."""
     times = forecast.data["time"].values
     hours = float((times[time] - times[0]) / np.timedelta64(1, "s")) / 3600
-    when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {notation.group(times[0])}"
+    when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {notation.format_dtg(times[0])}"
     many = float(forecast.data["effective_particles"].values[time])
     if particles is None:
         return f"{when}   ·   {many:,.0f} effective particles"
@@ -119,10 +119,10 @@ def basis(forecast: Forecast, time: int, particles: int | None) -> str:
 def span(times: Sequence[Any], ends: Sequence[float]) -> str:
     """Return a text with the times drawn and the meaning of the numbers above each panel."""
     to = "back to" if times[-1] < times[0] else "to"
-    return f"{notation.group(times[0])} {to} {notation.group(times[-1])}, UTC; {held(ends)}"
+    return f"{notation.format_dtg(times[0])} {to} {notation.format_dtg(times[-1])}, UTC; {small_map_caption(ends)}"
 
 
-def held(ends: Sequence[float]) -> str:
+def small_map_caption(ends: Sequence[float]) -> str:
     """Return a text that explains the numbers above a small map."""
     shares = " and ".join(notation.hundredths(share) for share in ends)
     return f"areas that hold {shares} % (lines; bands on the coast), in nmi²"

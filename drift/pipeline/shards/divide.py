@@ -194,7 +194,7 @@ def begun(case: Case, where: Environment, scene: Scene, clock: Clock, layout: La
     drawn = prior.draw_ensemble(
         run_setup.spec_of(case, where), scene.place.coast, layout, still=True
     )
-    return drawn.tried, lost.lacking(where.box, drawn.ensemble, scene, clock)
+    return drawn.tried, lost.prior_without_forcing(where.box, drawn.ensemble, scene, clock)
 
 
 def prepare(case: Case, where: Environment, many: int, deal: Deal | None = None) -> Divided:
@@ -220,7 +220,7 @@ def prepare(case: Case, where: Environment, many: int, deal: Deal | None = None)
             parts = list(map(partial(begun, case, where, setup.scene, setup.clock), layouts))
         else:
             parts = list(deal(setup.clock, layouts))
-        dry = prior.dry(spec, np.sum([tried for tried, _ in parts], axis=0), coast)
+        dry = prior.shares_on_land(spec, np.sum([tried for tried, _ in parts], axis=0), coast)
         lost.check_prior(
             spec, where, case.max_lost, setup.scene, lost.merged([lacks for _, lacks in parts])
         )

@@ -17,10 +17,10 @@ from drift.engine.motion.spool import ShardFile, SnapshotStore
 from drift.engine.particles import weights
 from drift.engine.particles.ensemble import Layout
 from drift.evidence.filter import meeting
-from drift.evidence.filter.account import Noted
-from drift.evidence.filter.meeting import Redrawing
+from drift.evidence.filter.account import UpdateCallback
+from drift.evidence.filter.meeting import ResamplingRule
 from drift.evidence.filter.records import Look
-from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.standing import SearchStatus
 from drift.evidence.filter.updates import Updates
 from drift.evidence.posterior.records import Posteriors
 from drift.pipeline import run_setup
@@ -40,7 +40,7 @@ class Moved:
     snapshots: SnapshotStore
     updates: Updates | None
     posteriors: Posteriors | None
-    begun: Standing | None
+    begun: SearchStatus | None
 
 
 @dataclass
@@ -58,7 +58,7 @@ class _RunProgress:
 
 @contextlib.contextmanager
 def move_shards(
-    job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None
+    job: Job, run: Divided, mark: Mapping[str, str], noted: UpdateCallback | None
 ) -> Iterator[Moved]:
     """Simulate a run in shards; yield its snapshots, updates and posteriors.
 
@@ -96,7 +96,7 @@ def move_shards(
 
 
 def _simulate_stretches(
-    job: Job, run: Divided, kept: Work, mark: Mapping[str, str], noted: Noted | None
+    job: Job, run: Divided, kept: Work, mark: Mapping[str, str], noted: UpdateCallback | None
 ) -> tuple[_RunProgress, Told]:
     """Simulate all stretches of all shards."""
     progress, records = _RunProgress(run.layout), None
@@ -229,7 +229,7 @@ def _prepare_next_stretch(
         progress.since = From(result.since, tuple(states))
     if result.contact is not None:
         weighed = {
-            name: weights.merged(
+            name: weights.merge_weight_sums(
                 [
                     stretch.weighed(reel, name, unit.layout.blocks)
                     for reel, unit in zip(reels, units, strict=True)
@@ -239,7 +239,7 @@ def _prepare_next_stretch(
         }
         progress.known = {
             **progress.known,
-            result.contact: meeting.log_mean(weighed["before"], weighed["after"]),
+            result.contact: meeting.log_mean_likelihood(weighed["before"], weighed["after"]),
         }
     elif len(records.account.updates) > progress.events:
         progress.events = len(records.account.updates)
@@ -260,7 +260,7 @@ def _resample_if_needed(
     """
     name, layout = f"drawn-{progress.number:03}", progress.layout
     target = prior.counts_of(run.setup.spec)
-    redrawing = Redrawing(job.case.seed, job.case.resampling, target)
+    redrawing = ResamplingRule(job.case.seed, job.case.resampling, target)
 
     def fill(reel: ShardFile) -> None:
         states = [kept.read(name) for name, _, _ in since.states]

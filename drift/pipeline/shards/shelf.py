@@ -77,7 +77,7 @@ def open_shelf(
                     )
                 folder.mkdir(parents=True, exist_ok=True)
                 stack.callback(_remove_if_empty, folder)
-                if not stack.enter_context(hidden.alone(folder, 0.0)):
+                if not stack.enter_context(hidden.folder_lock(folder, 0.0)):
                     raise UserError(
                         f"{out}: another run is at work on it ({folder}); wait for it, or name another folder with --out"
                     )
@@ -113,8 +113,8 @@ def _check_space(folder: Path, need: int, have: int, room: int) -> None:
     """Raise UserError if `need` exceeds the bytes stored and the free space, all in [bytes]."""
     if need - have > room:
         raise UserError(
-            f"{folder}: the particles at all output times need {notation.size(need)}, and "
-            f"{notation.size(room + have)} are free; free some space, name another folder with --out, or ask for fewer particles or outputs"
+            f"{folder}: the particles at all output times need {notation.format_bytes(need)}, and "
+            f"{notation.format_bytes(room + have)} are free; free some space, name another folder with --out, or ask for fewer particles or outputs"
         )
 
 
@@ -128,7 +128,7 @@ def _create_forcing_folder(folder: Path, need: int, room: int) -> None:
     LOG.warning(
         "%s: no space to cache the regridded forcing (%s); every shard will read and regrid it again",
         folder.parent,
-        notation.size(need),
+        notation.format_bytes(need),
     )
 
 
@@ -177,7 +177,7 @@ def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
     """
     folder = shelf_beside(out)
     if unfinished(out) and (fingerprint is None or begun(out, fingerprint) is not None):
-        with hidden.alone(folder, 0.0) as free:
+        with hidden.folder_lock(folder, 0.0) as free:
             if free:
                 shutil.rmtree(folder, ignore_errors=True)
 
@@ -233,11 +233,11 @@ def _reuse_or_clear(work: Work, fingerprint: Mapping[str, str]) -> None:
 @contextlib.contextmanager
 def stored(where: Environment, work: Work) -> Iterator[None]:
     """Cache the forcing that this process regrids in the store, while the context is open."""
-    environment.store(where, work.forcing)
+    environment.share_slices(where, work.forcing)
     try:
         yield
     finally:
-        environment.store(where, None)
+        environment.share_slices(where, None)
 
 
 def slices(case: Case, scene: Scene) -> int:

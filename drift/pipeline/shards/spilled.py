@@ -109,7 +109,7 @@ class Unit:
             watch = landings.watch if landings.refloats else None
             moments = simulate.run(ensemble, own, self.clock, outputs, tell, watch)
             reel.record(case.period, moments)
-        reel.end_with(ensemble)
+        reel.record_end(ensemble)
         landings.note(reel)
         reel.note(DRY, dry)
 
@@ -193,7 +193,8 @@ def prepare(case: Case, where: Environment, many: int) -> Shards:
     )
     with run_setup.closed_on_failure(setup):
         lacks = [
-            lost.lacking(where.box, unit.draw(coast)[0], setup.scene, setup.clock) for unit in units
+            lost.prior_without_forcing(where.box, unit.draw(coast)[0], setup.scene, setup.clock)
+            for unit in units
         ]
         lost.check_prior(setup.spec, where, case.max_lost, setup.scene, lost.merged(lacks))
     return Shards(setup, drawn, spans)

@@ -19,11 +19,11 @@ from drift.engine.motion.ensemble_spec import EnsembleSpec
 from drift.engine.motion.spool import ShardFile
 from drift.engine.particles.ensemble import Layout
 from drift.engine.particles.partials import Blocks, Partial
-from drift.engine.particles.weights import Weighed
+from drift.engine.particles.weights import WeightSums
 from drift.evidence.filter import crossings
 from drift.evidence.filter.account import Event
 from drift.evidence.filter.filter import SearchFilter
-from drift.evidence.filter.meeting import Drawn
+from drift.evidence.filter.meeting import Resampled
 from drift.evidence.filter.records import Contact
 from drift.evidence.posterior.quantities import QUANTITIES
 from drift.evidence.posterior.source import Particles
@@ -118,7 +118,7 @@ class Stretch:
             {**header, "unit": event.unit, "middle": event.middle, "certain": event.certain}
         )
 
-    def mean(self, contact: int, before: Weighed, after: Weighed) -> float:
+    def mean(self, contact: int, before: WeightSums, after: WeightSums) -> float:
         """Return the log mean likelihood of a contact, or stop the shard if it is not yet known."""
         if contact in self._known:
             return self._known[contact]
@@ -130,7 +130,7 @@ class Stretch:
         self.ended(Result(self.since, contact=contact))
         raise Stop
 
-    def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
+    def anew(self, log_weight: Array, layout: Layout) -> Resampled | None:
         """Stop the shard, so that resampling is considered across all shards."""
         self._keep(self._until)
         self.ended(Result(self.since, anew=True))
@@ -179,7 +179,7 @@ def result(reel: ShardFile) -> Result:
     return Result(**_read(reel, RESULT))
 
 
-def weighed(reel: ShardFile, name: str, blocks: Blocks) -> Weighed:
+def weighed(reel: ShardFile, name: str, blocks: Blocks) -> WeightSums:
     """Return the stored weights of a shard's particles before or after a contact.
 
     Args:
@@ -188,7 +188,7 @@ def weighed(reel: ShardFile, name: str, blocks: Blocks) -> Weighed:
         blocks: the blocks of the shard's particles.
     """
     sums = reel.noted(f"{name} sums").reshape(-1, 1, 2)
-    return Weighed(
+    return WeightSums(
         reel.noted(f"{name} top"), Partial(blocks.scenarios, blocks.scenario, blocks.number, sums)
     )
 

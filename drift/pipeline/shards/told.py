@@ -16,9 +16,9 @@ from drift.engine.particles.columns import Columns
 from drift.engine.particles.ensemble import Layout
 from drift.engine.particles.partials import Blocks
 from drift.evidence.filter import account, crossings
-from drift.evidence.filter.account import Account, Event, Noted
-from drift.evidence.filter.filter import exposures
-from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.account import Account, Event, UpdateCallback
+from drift.evidence.filter.filter import create_exposures
+from drift.evidence.filter.standing import SearchStatus
 from drift.evidence.filter.updates import Updates
 from drift.evidence.posterior.beliefs import Beliefs
 from drift.evidence.posterior.quantity import Quantity, Values
@@ -51,7 +51,7 @@ class Told:
         setup: Setup,
         reels: Sequence[ShardFile],
         layout: Layout,
-        noted: Noted | None,
+        noted: UpdateCallback | None,
     ) -> None:
         """Read the state of all shards at the start of the run.
 
@@ -64,7 +64,7 @@ class Told:
         """
         self._case, self._setup = case, setup
         self.beliefs: Beliefs | None = None
-        self.begun: Standing | None = None
+        self.begun: SearchStatus | None = None
         begin = (
             columns(reels, layout.blocks, ("log_weight", "release"))
             if run_setup.is_told(case)
@@ -78,7 +78,7 @@ class Told:
         if begin is not None:
             self.account.begin(begin)
         if begin is not None and run_setup.is_standing(case):
-            self.begun = account.begun(setup.spec, begin)
+            self.begun = account.initial_status(setup.spec, begin)
 
     def take(self, reels: Sequence[ShardFile], layout: Layout) -> None:
         """Add the updates of a stretch; `layout` is that of the whole run."""
@@ -97,7 +97,7 @@ class Told:
         case, spec = self._case, self._setup.spec
         if "unsearched" not in reels[0].notes:
             return None
-        flown = exposures(spec, case.sorties, self._setup.scene)
+        flown = create_exposures(spec, case.sorties, self._setup.scene)
         markers = [marker for sortie in flown for marker in sortie.markers]
         for number, marker in enumerate(markers):
             marker.go_on(reels[0].noted(f"marker {number}").reshape(-1, 3))

@@ -16,7 +16,7 @@ from drift.engine.motion.spool import ShardFile
 from drift.engine.particles.ensemble import Layout
 from drift.evidence.filter.debris.guide import Guide
 from drift.evidence.filter.filter import SearchFilter
-from drift.evidence.filter.meeting import Drawn
+from drift.evidence.filter.meeting import Resampled
 from drift.evidence.posterior.source import Particles
 from drift.pipeline import run_setup
 from drift.pipeline.run_setup import Start
@@ -129,7 +129,7 @@ class Unit:
             )
             with contextlib.suppress(Stop):
                 reel.record(case.period, moments)
-                reel.end_with(ensemble)
+                reel.record_end(ensemble)
                 stretch_record.over()
             # break the reference cycle, which only the garbage collector would free
             stretch_record.search = None
@@ -166,7 +166,7 @@ def restore(search: SearchFilter, kept: Work, since: From, first: int) -> None:
         log_weight, spare = (
             drawn.noted(name, first, first + n) for name in ("log_weight", "spare")
         )
-        search.begin_anew(Drawn(slots, log_weight, spare, search.ensemble.layout), since.time)
+        search.begin_anew(Resampled(slots, log_weight, spare, search.ensemble.layout), since.time)
 
 
 def _gather_column(name: str, states: Sequence[tuple[ShardFile, int, int]], slots: Array) -> Array:

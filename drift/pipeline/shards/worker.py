@@ -68,7 +68,7 @@ def move(folder: str, mark: Mapping[str, str], unit: work.Task) -> str:
     with runtime.alone():
         where, scene = _open_once(unit.case, mark)
         kept = work.Work(Path(folder), work.run_of(mark))
-        environment.store(where, kept.forcing)
+        environment.share_slices(where, kept.forcing)
         unit.move(scene, where, None, kept)
     return unit.name
 
@@ -84,7 +84,7 @@ def release() -> None:
     """Close the run that was opened last and its files."""
     with runtime.alone():
         for where, scene in _open.values():
-            environment.store(where, None)
+            environment.share_slices(where, None)
             scene.forcing.close()
         _open.clear()
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import sparse, special
 
 from drift.evidence.sensors import hearing
-from drift.evidence.sensors.hearing import Ear
+from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import Gain, Listener, Sonar
 from drift.planning.arrays import heard
 from drift.planning.arrays.records import Chosen
@@ -126,7 +126,7 @@ def _gains(sonar: Sonar) -> Real:
     sides = hearing.even(sonar.gain.bearing, hearing.MOST_SIDES)
     at = np.arange(sides) * hearing.TURN / sides
     every = [
-        hearing.round_circle(at, sonar.gain.bearing, Ear(sonar, (k,)).gain)
+        hearing.round_circle(at, sonar.gain.bearing, Receiver(sonar, (k,)).gain)
         for k in range(len(sonar.gain.beams))
     ]
     return (np.stack(every) - sonar.threshold).astype(np.float32)

@@ -11,7 +11,7 @@ from typing import Any
 from drift.evidence.filter.updates import Updates
 from drift.forecast.build import Forecast
 from drift.planning.arrays import placement_text
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.products.report import leaves
 from drift.products.report.leaves import Leaf
@@ -54,12 +54,12 @@ PICTURES: dict[str, Callable[[PlacementOutputs, Path], None]] = {
 }
 
 
-def chapter(matter: PlacementOutputs) -> Chapter:
+def chapter(matter: PlacementOutputs) -> OutputBundle:
     """Return the chapter of a plan of towed arrays."""
-    return Chapter(
+    return OutputBundle(
         {"arrays": placement_text.summary_of_placement(matter.plan)},
-        bound(FILES, matter),
-        bound(PICTURES, matter),
+        bind_outputs(FILES, matter),
+        bind_outputs(PICTURES, matter),
         leaves=(partial(_leaves, matter),),
     )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drift.evidence.sensors import hearing, losses, unknown
-from drift.evidence.sensors.hearing import TURN, Ear, round_circle
+from drift.evidence.sensors.hearing import TURN, Receiver, round_circle
 from drift.evidence.sensors.records import Sonar
 from drift.planning.arrays import ways as tow_ways
 from drift.planning.arrays.ways import Sea, Ways
@@ -64,7 +64,7 @@ def hearer(sea: Sea, tracks: Tracks) -> Hearer:
 
 def tables(sonar: Sonar, time: Array, offsets: Array) -> Tables:
     """Return the tables of a sonar for bins whose edges are these times [s since 1970]."""
-    ear = Ear(sonar)
+    ear = Receiver(sonar)
     rays = hearing.even(sonar.losses.bearing, hearing.MOST_RAYS)
     sides, winds = (
         hearing.even(x, hearing.MOST_SIDES) for x in (sonar.gain.bearing, sonar.noise.bearing)

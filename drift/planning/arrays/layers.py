@@ -82,7 +82,7 @@ def plan(placed: Sequence[Placed], sorties: Sequence[Sortie]) -> Overlay:
 def label(time: np.datetime64, what: str) -> str:
     """Return what stands beside a point: day and time, and the course from there on."""
     course = what.partition("course ")[2]
-    return f"{notation.group(time)[:6]}Z" + (f" {course}°" if course else "")
+    return f"{notation.format_dtg(time)[:6]}Z" + (f" {course}°" if course else "")
 
 
 def _ring(area: Area) -> Array:

@@ -59,7 +59,7 @@ def plot_processing(
     y, top = _heights(hearing, rows)
     over, under = 0.95 + 0.2 * len(told), 0.75 + CURVE + 0.45
     height = over + top + under
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             WIDTH,
             height,
@@ -72,7 +72,7 @@ def plot_processing(
             footer=sheet.small(0.07 / height, 7, 210),
         )
     )
-    sheet.head(on, imprint, *told)
+    sheet.write_head(on, imprint, *told)
     wide = WIDTH - LEFT - RIGHT
     ax = on.figure.add_axes((LEFT / WIDTH, under / height, wide / WIDTH, top / height))
     edges = notation.epochs(names.edges).astype(float)
@@ -99,7 +99,7 @@ def plot_processing(
         va="top",
         transform=ax.transAxes,
     )
-    sheet.end(on, path, imprint)
+    sheet.finish_page(on, path, imprint)
 
 
 def shown(allocation: Allocation, hearing: Hearing) -> list[int]:
@@ -229,7 +229,8 @@ def _times(ax: Axes, edges: Array) -> None:
     """Write times along the axis."""
     ticks = labels.round_times(float(edges[0]), float(edges[-1]), 14)
     ax.set_xticks(
-        ticks, labels=[f"{notation.group(np.datetime64(round(tick), 's'))[:6]}Z" for tick in ticks]
+        ticks,
+        labels=[f"{notation.format_dtg(np.datetime64(round(tick), 's'))[:6]}Z" for tick in ticks],
     )
 
 

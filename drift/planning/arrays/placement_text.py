@@ -54,7 +54,9 @@ def placement_as_text(plan: Any, title: str, run: str) -> str:
             ),
         ]
         for time, lon, lat, what in vertices(placed, sortie):
-            lines += _fill(f"{notation.group(time)}  {notation.position(lon, lat)}  {what}", 6, 10)
+            lines += _fill(
+                f"{notation.format_dtg(time)}  {notation.position(lon, lat)}  {what}", 6, 10
+            )
     lines += ["", "3  ALTERNATIVES"]
     lines += [
         line
@@ -63,7 +65,7 @@ def placement_as_text(plan: Any, title: str, run: str) -> str:
     ]
     lines += ["", "4  NOTES"]
     for note in (
-        f"POD: that any of them hears the target by {notation.group(plan.until)}.",
+        f"POD: that any of them hears the target by {notation.format_dtg(plan.until)}.",
         f"{RELAXED}; {plan.bound.slots} slots, cells of {plan.bound.cell / NMI:.0f} nmi.",
         "Alternatives are worth what they are on the particles on which the plan was made.",
     ):
@@ -147,7 +149,7 @@ def placement_facts(plan: Any) -> dict[str, str]:
     told = {"plan": worth(plan)}
     for placed, sortie, pos in zip(plan.placement.placed, plan.sorties, plan.pos_of, strict=True):
         way = "; ".join(
-            f"{notation.group(t)[:6]}Z {notation.position(x, y)} {what}"
+            f"{notation.format_dtg(t)[:6]}Z {notation.position(x, y)} {what}"
             for t, x, y, what in vertices(placed, sortie)
         )
         told[placed.sea.tow.name] = f"{way}; POD {notation.percent(pos)}"

@@ -74,7 +74,7 @@ def place(
         )
     if case.plan.begin >= case.plan.until:
         raise UserError(
-            f"{case.path.name}: plan: the last sortie or contact is at {notation.group(case.plan.begin)}, when the plan is to "
+            f"{case.path.name}: plan: the last sortie or contact is at {notation.format_dtg(case.plan.begin)}, when the plan is to "
             "end; give begin and until in [plan], or run for longer"
         )
     job = flow.open_run(case, out, options)
@@ -125,7 +125,9 @@ def _placed(job: Job) -> tuple[Placement, Bound]:
     begin, until = (float(notation.epoch(time)) for time in (spec.begin, spec.until))
     seas = [ways.sea(tow, begin, until) for tow in case.tows]
     if job.where.coast is not None:
-        seas = [ways.ashore(sea, coastline.lands(job.where.coast, case.coast)) for sea in seas]
+        seas = [
+            ways.ashore(sea, coastline.land_reader(job.where.coast, case.coast)) for sea in seas
+        ]
     with job.clock.phase("plan"):
         seed = noise.seed_for(case.seed, Purpose.OPTIMISER) % 2**32
         try:

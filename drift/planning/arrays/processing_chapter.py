@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drift.planning.arrays import processing_text
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.products.report import leaves
 from drift.products.report.leaves import Leaf
@@ -60,13 +60,13 @@ PICTURES: dict[str, Callable[[ProcessingOutputs, Path], None]] = {
 }
 
 
-def chapter(matter: ProcessingOutputs) -> Chapter:
+def chapter(matter: ProcessingOutputs) -> OutputBundle:
     """Return the chapter of a plan of processing."""
     numbers = processing_text.plan_numbers(matter.plan)
-    return Chapter(
+    return OutputBundle(
         {"processing": {key: value for key, value in numbers.items() if key != "slots"}},
-        bound(FILES, matter),
-        bound(PICTURES, matter),
+        bind_outputs(FILES, matter),
+        bind_outputs(PICTURES, matter),
         leaves=(partial(_leaves, matter),),
     )
 

@@ -25,7 +25,7 @@ from drift.planning.arrays import chapter as tow_chapter
 from drift.planning.arrays.planner import ArrayPlan
 from drift.planning.arrays.records import Allocation, Chosen, Hearing, Names
 from drift.planning.search import follow, planning_tracks
-from drift.products.files.chapter import Chapter
+from drift.products.files.chapter import OutputBundle
 from geo import notation
 from geo.errors import UserError
 from kernels.maths import noise
@@ -84,13 +84,13 @@ def allocate(
         )
     if case.plan.begin >= case.plan.until:
         raise UserError(
-            f"{case.path.name}: plan: the last sortie or contact is at {notation.group(case.plan.begin)}, when the plan is to "
+            f"{case.path.name}: plan: the last sortie or contact is at {notation.format_dtg(case.plan.begin)}, when the plan is to "
             "end; give begin and until in [plan], or run for longer"
         )
     refuse_crowds(asked)
     today_of(asked)
     job = flow.open_run(case, out, options)
-    chapters: list[Chapter] = []
+    chapters: list[OutputBundle] = []
     ahead = None
     executed = case
     if case.tows:
@@ -123,7 +123,7 @@ def refuse_crowds(asked: Processing) -> None:
         over = manning.surplus(crew, asked.beams) if crew else None
         if over is not None:
             raise UserError(
-                f"plan.processing.processors: {over[0]} that work from {notation.group(asked.edges[slot])} on can serve {over[1]} "
+                f"plan.processing.processors: {over[0]} that work from {notation.format_dtg(asked.edges[slot])} on can serve {over[1]} "
                 "beams; give at most as many as beams, or let them serve other sensors"
             )
 

@@ -101,7 +101,7 @@ class Names:
 
     def begins(self, slot: int) -> str:
         """Return the date-time group at which a slot begins."""
-        return notation.group(self.edges[slot])
+        return notation.format_dtg(self.edges[slot])
 
 
 def names(hearing: Hearing, start: np.datetime64, slot: float) -> Names:

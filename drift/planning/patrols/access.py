@@ -99,7 +99,7 @@ def _within_reach(
         raise UserError(
             f"{place}: no land lies within its reach of {_km(team.reach)} from its base; {_REMEDY}"
         )
-    _, x, y, away = land_masses.nearest(land, *base)
+    _, x, y, away = land_masses.nearest_land(land, *base)
     if away > team.reach:
         raise UserError(
             f"{place}: no land lies within its reach of {_km(team.reach)} from its base; the nearest is {_km(away)} "
@@ -114,7 +114,7 @@ def _within_reach(
     # From the nearest land the straight distance may be longer.
     candidates = np.flatnonzero((straight <= team.reach + away) & (mass != SEVERAL))
     spots = [(float(segments.lon[s]), float(segments.lat[s])) for s in candidates]
-    way = overland.distances(land, (x, y), spots, team.reach)
+    way = overland.overland_distances(land, (x, y), spots, team.reach)
     found = tuple(candidates[np.isfinite(way)].tolist())
     if not found and near.size:
         raise UserError(

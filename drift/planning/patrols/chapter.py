@@ -9,7 +9,7 @@ from drift.planning.patrols import files as patrol_files
 from drift.planning.patrols import planner as patrol_planner
 from drift.planning.patrols import report
 from drift.planning.patrols.planner import PatrolPlan
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.spills.worlds import renewal
 from drift.spills.worlds.products import chapter as spill_chapter
@@ -77,10 +77,14 @@ PICTURES: dict[str, Callable[[PatrolOutputs, Path], None]] = {
 }
 
 
-def chapter(matter: PatrolOutputs) -> Chapter:
+def chapter(matter: PatrolOutputs) -> OutputBundle:
     """Return the chapter of a plan of patrols."""
     numbers = {"patrol_plan": patrol_files.summary_of_patrols(matter.plan)}
-    files = bound(FILES, matter) | (bound(LEFT_OUT_FILES, matter) if matter.plan.left_out else {})
+    files = bind_outputs(FILES, matter) | (
+        bind_outputs(LEFT_OUT_FILES, matter) if matter.plan.left_out else {}
+    )
     warnings = (*matter.plan.notes, *patrol_files.too_long(matter.plan, matter.after))
     leaves = (partial(report.patrol_leaves, matter.plan),)
-    return Chapter(numbers, files, bound(PICTURES, matter), warnings=warnings, leaves=leaves)
+    return OutputBundle(
+        numbers, files, bind_outputs(PICTURES, matter), warnings=warnings, leaves=leaves
+    )

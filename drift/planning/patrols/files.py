@@ -70,7 +70,7 @@ def patrol_text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthe
     for slot, visits in patrol_planner.by_patrol(plan):
         length = sum(float(after.segments.length[visit.segment]) for visit in visits) / 1000
         total = sum(visit.found for visit in visits)
-        head = f"{notation.group(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
+        head = f"{notation.format_dtg(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
         lines += [
             "",
             *_fill(f"{head}, detection {slot.team.detection:.2f}, {total:.2g} found", 3, 6),
@@ -177,7 +177,7 @@ def csv(plan: PatrolPlan, after: Aftermath, run: str) -> str:
             place = notation.position(float(segments.lon[s]), float(segments.lat[s])) or ""
             length = float(segments.length[s]) / 1000
             figures = [length, visit.lying, visit.found, visit.error, after.posterior.effective]
-            when = [notation.group(slot.when), notation.iso(slot.when), slot.team.name]
+            when = [notation.format_dtg(slot.when), notation.iso(slot.when), slot.team.name]
             where = [s, segments.id[s], segments.name[s], place, segments.access[s]]
             rows.append([*when, *where, *(f"{value:.6g}" for value in figures), run])
     return formats.csv_text(list(HEADER), rows)
@@ -271,7 +271,7 @@ def patrol_facts(plan: PatrolPlan, after: Aftermath) -> dict[str, str]:
 
 
 def _key(slot: Slot) -> str:
-    return f"{notation.group(slot.when)} {slot.team.name}"
+    return f"{notation.format_dtg(slot.when)} {slot.team.name}"
 
 
 def _spelled(after: Aftermath, visit: Visit) -> str:

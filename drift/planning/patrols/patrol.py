@@ -52,8 +52,8 @@ def patrol(
     walkable = access.of_teams(
         case.spill.teams,
         segments,
-        coastline.lands(job.where.coast, asked),
-        lambda: shore.whole(asked.source, asked.lakes),
+        coastline.land_reader(job.where.coast, asked),
+        lambda: shore.read_whole_land(asked.source, asked.lakes),
     )
     # before the drift, because it may reject the case
     patrol_planner.patrols(case.period, segments, walkable)

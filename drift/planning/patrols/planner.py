@@ -112,10 +112,10 @@ def plan(after: Aftermath, walkable: Walkable) -> PatrolPlan:
             parts[s].append(stretch_table(stays, s, own, slots))
         for (team, s), sums in zip(long, left, strict=True):
             sums.append(_lying(stays, s, own, [float(after.period.elapsed(team.times[0]))]))
-    tables = {s: partials.merged(own).total[:-1] for s, own in parts.items()}
+    tables = {s: partials.merge_partials(own).total[:-1] for s, own in parts.items()}
     chosen, bound, daily = choose(tables, length, slots, walkable.mass)
     planned = _scored(after, slots, worthwhile(tables, slots, chosen), bound, daily, worth)
-    lying = [float(partials.merged(sums).total.sum()) for sums in left]
+    lying = [float(partials.merge_partials(sums).total.sum()) for sums in left]
     rows = [
         LeftOut(team, s, number)
         for (team, s), number in zip(long, lying, strict=True)
@@ -420,4 +420,4 @@ def by_patrol(plan: PatrolPlan) -> list[tuple[Slot, list[Visit]]]:
 
 def heading(slot: Slot) -> str:
     """Return the name of a planned patrol: its team and time."""
-    return f"{slot.team.name}, {notation.group(slot.when)}"
+    return f"{slot.team.name}, {notation.format_dtg(slot.when)}"

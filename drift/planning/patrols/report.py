@@ -29,7 +29,7 @@ def patrol_leaves(plan: PatrolPlan) -> list[Leaf]:
     """Return the leaves of a plan of patrols."""
     visited = sorted({int(visit.segment) for visit in plan.visits})
     return [
-        leaves.shapes(
+        leaves.shapes_leaf(
             "Planned patrols",
             "washup.geojson",
             "patrol",

@@ -163,7 +163,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     if flown.sailed[0] is not None:
         (sailed,) = rectangle.cut_at_coast(crew, [laid])
         assert sailed is not None  # the same legs could be sailed before
-        legs = polyline.through(
+        legs = polyline.legs_through(
             start + sailed.elapsed, sailed.lon, sailed.lat, sailed.searching.tolist()
         )
         assert crew.course is not None
@@ -210,7 +210,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     if crew.course is not None:
         ways = courses.out_and_home(crew.course, *ends)
     way_out, way_home = (
-        polyline.way(way or straight) / unit.transit_speed
+        polyline.great_circle_length(way or straight) / unit.transit_speed
         for way, straight in zip(
             ways, ((unit.base, ends[0]), (ends[1], unit.return_to)), strict=True
         )

@@ -15,7 +15,7 @@ import numpy as np
 
 from drift.case.record import Case
 from drift.engine.particles.status import STRANDED
-from drift.evidence.filter.account import Noted
+from drift.evidence.filter.account import UpdateCallback
 from drift.evidence.filter.records import Unit
 from drift.evidence.filter.updates import Updates
 from drift.evidence.suspend.further import Planned
@@ -33,7 +33,7 @@ from drift.planning.search.products import chapter
 from drift.planning.search.records import Alternative, Plan, Tasking
 from geo.array import Array
 from geo.errors import UserError
-from geo.notation import group
+from geo.notation import format_dtg
 from kernels.maths import noise
 from kernels.maths.noise import Purpose
 
@@ -88,7 +88,7 @@ def check(case: Case) -> None:
         )
     if case.plan.begin >= case.plan.until:
         raise UserError(
-            f"{case.path.name}: plan: the last sortie or contact is at {group(case.plan.begin)}, when the plan is to "
+            f"{case.path.name}: plan: the last sortie or contact is at {format_dtg(case.plan.begin)}, when the plan is to "
             "end; give begin and until in [plan], or run for longer"
         )
     known = [(sortie.end, f'the end of sortie "{sortie.name}"') for sortie in case.sorties]
@@ -106,7 +106,7 @@ def check(case: Case) -> None:
     last, what = max(known, default=(case.plan.begin, ""))
     if last > case.plan.begin:
         raise UserError(
-            f"{case.path.name}: plan.begin {group(case.plan.begin)} is before {what}, {group(last)}: "
+            f"{case.path.name}: plan.begin {format_dtg(case.plan.begin)} is before {what}, {format_dtg(last)}: "
             "a plan begins when all is known; give a later begin in [plan], or leave it out"
         )
 
@@ -125,7 +125,7 @@ class _Rounds:
     said: tuple[str, ...]  # of boats
 
 
-def scheme(job: Job, noted: Noted | None = None) -> tuple[Plan, Case, Result]:
+def scheme(job: Job, noted: UpdateCallback | None = None) -> tuple[Plan, Case, Result]:
     """Return a plan, the case in which it has been executed and found nothing, and the forecast of
     that.
 
@@ -171,7 +171,7 @@ def _rounds(job: Job) -> _Rounds:
         executed = _with(case, tasked)
     if proposal is None or bound is None or boats is None or not tasked:
         raise UserError(
-            f"plan: no unit can search between {group(spec.begin)} and {group(spec.until)}: each needs time for its "
+            f"plan: no unit can search between {format_dtg(spec.begin)} and {format_dtg(spec.until)}: each needs time for its "
             "transit and some search before the end, by daylight if it is visual; give more time (until in [plan]), or "
             "units that are nearer or ready earlier"
             + "".join(f". {words}" for words in (boats.said if boats else ()))
@@ -246,7 +246,7 @@ def _before(updates: Updates, name: str) -> Array:
 def _ashore(result: Result, begin: np.datetime64) -> float:
     """Return the probability that the object lies ashore, or has run aground, when a plan begins."""
     data = result.forecast.data
-    then = data["status_probability"].isel(time=mapped.opening(data, begin))
+    then = data["status_probability"].isel(time=mapped.opening_output(data, begin))
     return float(
         then.where(then["status"].isin([status.name.lower() for status in STRANDED])).sum()
     )
@@ -255,7 +255,7 @@ def _ashore(result: Result, begin: np.datetime64) -> float:
 def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
     """Return how many of the case's particles count when a plan begins."""
     data = result.forecast.data
-    return effective.effective_at(data, mapped.opening(data, begin), executed.particles)
+    return effective.effective_at(data, mapped.opening_output(data, begin), executed.particles)
 
 
 def _error(bound: float, bound_number: float, value: float, scored_on: Count) -> float:

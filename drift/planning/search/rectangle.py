@@ -259,7 +259,7 @@ def legs_of(crew: Crew, row: Array, flown: Sweeps, k: int) -> Legs:
     if crew.manner.plain:
         return laid(crew, row, flown, k).pattern.legs
     nodes = path(crew, row, flown, k)
-    return polyline.through(
+    return polyline.legs_through(
         crew.zero + nodes[:, 0], *np.degrees(crew.plane.round(nodes[:, 1], nodes[:, 2]))
     )
 

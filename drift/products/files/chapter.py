@@ -23,7 +23,7 @@ Contents = xr.Dataset | str | dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Chapter:
+class OutputBundle:
     """The outputs of one topic of a run; files and pictures by name."""
 
     numbers: Mapping[str, Any] = field(default_factory=dict)  # for summary.json
@@ -39,17 +39,17 @@ class Chapter:
     digests: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
 
 
-def bound(
+def bind_outputs(
     table: Mapping[str, Callable[Concatenate[T, P], R]], topic_data: T
 ) -> dict[str, Callable[P, R]]:
     """Return a table of files or pictures with the topic's data bound as their first argument."""
     return {name: partial(make, topic_data) for name, make in table.items()}
 
 
-def join_contents(chapters: Iterable[Chapter]) -> Chapter:
+def join_contents(chapters: Iterable[OutputBundle]) -> OutputBundle:
     """Return one chapter with the outputs of several; later ones override equal names."""
     listed = list(chapters)
-    return Chapter(
+    return OutputBundle(
         numbers={name: value for chapter in listed for name, value in chapter.numbers.items()},
         files={name: make for chapter in listed for name, make in chapter.files.items()},
         pictures={name: draw for chapter in listed for name, draw in chapter.pictures.items()},

@@ -26,7 +26,7 @@ SPHERE = {
 CLOCK = "leap_seconds: none"  # seconds since 1970 count no leap seconds (CF-1.11, section 4.4.1)
 
 
-def described(data: xr.Dataset, stamped: Mapping[str, str], name: str) -> xr.Dataset:
+def with_metadata(data: xr.Dataset, stamped: Mapping[str, str], name: str) -> xr.Dataset:
     """Return a dataset with all its metadata, as it is written.
 
     Args:

@@ -28,7 +28,7 @@ Tell = Callable[[float], None]  # takes the share of pictures that is done
 
 
 @contextlib.contextmanager
-def begun(
+def draw_in_parallel(
     pictures: Mapping[str, Draw], place: Path, processes: int
 ) -> Iterator[Callable[[Tell], None]]:
     """Start to draw pictures, by name, into a folder, with forks of this process.

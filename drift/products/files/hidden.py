@@ -33,7 +33,7 @@ STALE = 86_400
 ATTEMPTS = 10
 
 
-def make(ground: Path) -> tuple[Path, int]:
+def make_hidden_folder(ground: Path) -> tuple[Path, int]:
     """Create a hidden folder in another one; return it with the open lock of its owner."""
     for _ in range(ATTEMPTS):
         folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{'-'.join(_owner_names())}-", dir=ground))
@@ -50,7 +50,7 @@ def remove(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def within(ground: Path) -> list[Path]:
+def hidden_folders_in(ground: Path) -> list[Path]:
     """Return the hidden folders in a folder, sorted by name."""
     try:
         with os.scandir(ground) as entries:
@@ -65,7 +65,7 @@ def within(ground: Path) -> list[Path]:
 
 
 @contextmanager
-def taken(folder: Path) -> Iterator[bool]:
+def lock_if_abandoned(folder: Path) -> Iterator[bool]:
     """Lock a hidden folder unless a living process owns it; yield whether it is locked."""
     lock: int | None = None
     try:
@@ -146,7 +146,7 @@ def _owner_names() -> tuple[str, str, str, str]:
 
 
 @contextmanager
-def alone(folder: Path, patience: float, *, shared: bool = False) -> Iterator[bool]:
+def folder_lock(folder: Path, patience: float, *, shared: bool = False) -> Iterator[bool]:
     """Lock a folder against other processes of drift, or share it.
 
     A file system without locks grants it at once.

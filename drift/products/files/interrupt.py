@@ -39,7 +39,7 @@ def ending_cleanly() -> Iterator[None]:
 
     def end(number: int, frame: object) -> None:
         _pending.append(number)
-        heed()
+        raise_if_interrupted()
 
     def unraisable(lost: Any) -> None:
         if not isinstance(lost.exc_value, KeyboardInterrupt | Terminated):
@@ -55,7 +55,7 @@ def ending_cleanly() -> Iterator[None]:
         sys.unraisablehook = previous
 
 
-def heed() -> None:
+def raise_if_interrupted() -> None:
     """Raise the exception of a pending signal, if there is one."""
     if _pending:
         raise KeyboardInterrupt if _pending[0] == signal.SIGINT else Terminated(_pending[0])
@@ -83,7 +83,7 @@ def _ignored(number: int) -> bool:
 
 
 @contextlib.contextmanager
-def leaving_at_once() -> Iterator[None]:
+def exit_on_signal() -> Iterator[None]:
     """Exit at once on a signal, as libraries swallow KeyboardInterrupt while they are imported.
 
     Use it only while no file is open.
@@ -102,7 +102,7 @@ def leaving_at_once() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def undisturbed() -> Iterator[None]:
+def signals_deferred() -> Iterator[None]:
     """Defer Ctrl-C and termination requests until the block is done."""
     if threading.current_thread() is not threading.main_thread():
         yield

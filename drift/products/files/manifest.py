@@ -54,7 +54,7 @@ def read_manifest(folder: Path) -> Manifest | None:
     """Return the manifest of a folder; None if it has none that drift wrote."""
     path = folder / NAME
     try:
-        if not regular(path) or path.stat().st_size > LARGEST:
+        if not is_regular_file(path) or path.stat().st_size > LARGEST:
             return None
         content = json.loads(path.read_bytes())
         entries = tuple(Entry(row["name"], row["size"], row["sha256"]) for row in content["files"])
@@ -82,23 +82,25 @@ def _is_valid(entry: Entry) -> bool:
     )
 
 
-def fault(folder: Path, manifest: Manifest) -> str | None:
+def difference_from_manifest(folder: Path, manifest: Manifest) -> str | None:
     """Return how a folder differs from its manifest, as text; None if it does not."""
     for entry in manifest.files:
         path = folder / entry.name
         if not os.path.lexists(path):
             return f'"{entry.name}" is missing'
-        if not unchanged(path, entry):
+        if not matches_entry(path, entry):
             return f'"{entry.name}" has been changed since the run wrote it'
     return None
 
 
-def unchanged(path: Path, entry: Entry) -> bool:
+def matches_entry(path: Path, entry: Entry) -> bool:
     """Return True if a path is a file, not a link, with the contents of an entry."""
-    return regular(path) and path.stat().st_size == entry.size and digest(path) == entry.sha256
+    return (
+        is_regular_file(path) and path.stat().st_size == entry.size and digest(path) == entry.sha256
+    )
 
 
-def regular(path: Path) -> bool:
+def is_regular_file(path: Path) -> bool:
     """Return True for a regular file, not a folder, link or pipe."""
     try:
         return stat.S_ISREG(os.lstat(path).st_mode)

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from drift.products.files import hidden, manifest
-from drift.products.files.interrupt import undisturbed
+from drift.products.files.interrupt import signals_deferred
 from drift.products.files.manifest import Manifest
 from geo.errors import UserError
 
@@ -76,7 +76,7 @@ def check(folder: Path, overwrite: bool = False, names: Iterable[str] = ()) -> N
         )
     if not exists:
         return
-    settle(folder)
+    restore_interrupted(folder)
     if not overwrite and _is_filled(folder):
         raise UserError(f"output folder {folder}: is not empty; {ADVICE}")
     _check_obstacles(folder, names)
@@ -109,15 +109,15 @@ def staged(target: Path) -> Iterator[Stage]:
     created = [path for path in (ground, *ground.parents) if not path.exists()]
     ground.mkdir(parents=True, exist_ok=True)
     if inside:
-        settle(target)
+        restore_interrupted(target)
     for place in {ground, target.absolute().parent}:
         _remove_abandoned(place)
-    folder, lock = hidden.make(ground)
+    folder, lock = hidden.make_hidden_folder(ground)
     try:
         os.mkdir(folder / NEW)
         yield Stage(target, folder, inside, _manifest_digest(target))
     finally:
-        with undisturbed():
+        with signals_deferred():
             try:
                 # with a journal the folder contains the old result, which could not be restored
                 if not (folder / JOURNAL).exists():
@@ -132,8 +132,8 @@ def staged(target: Path) -> Iterator[Stage]:
 
 def _remove_abandoned(ground: Path) -> None:
     """Remove the hidden folders of dead processes, except those with an old result in them."""
-    for folder in hidden.within(ground):
-        with hidden.taken(folder) as held:
+    for folder in hidden.hidden_folders_in(ground):
+        with hidden.lock_if_abandoned(folder) as held:
             if held and not (folder / JOURNAL).exists():
                 hidden.remove(folder)
 
@@ -159,7 +159,7 @@ def publish(stage: Stage, run_id: str, overwrite: bool = False) -> list[Path]:
         _sync(stage.new / entry.name)
     _sync(stage.new)
     if not stage.inside:
-        with undisturbed():
+        with signals_deferred():
             _rename_to_target(stage)
     else:
         with _locked_folder(stage.target):
@@ -168,7 +168,7 @@ def publish(stage: Stage, run_id: str, overwrite: bool = False) -> list[Path]:
                 not overwrite and _is_filled(stage.target)
             ):
                 raise _overtaken_error(stage.target)
-            with undisturbed():
+            with signals_deferred():
                 _exchange(stage, listed)
     return [stage.target / name for name in sorted(listed.names)]
 
@@ -200,7 +200,7 @@ def _exchange(stage: Stage, listed: Manifest) -> None:
     aside = [manifest.NAME] if before else []
     for entry in before.files if before else ():
         replaced = entry.name in listed.names and os.path.lexists(target / entry.name)
-        if replaced or manifest.unchanged(target / entry.name, entry):
+        if replaced or manifest.matches_entry(target / entry.name, entry):
             aside.append(entry.name)
     new = {entry.name: entry.sha256 for entry in listed.files}
     new[manifest.NAME] = manifest.digest(stage.new / manifest.NAME)
@@ -237,7 +237,7 @@ def _check_obstacles(folder: Path, names: Iterable[str]) -> None:
     for name in sorted(names):
         path = folder / name
         if not os.path.lexists(path) or (
-            name in own_names and manifest.regular(path) and not os.path.ismount(path)
+            name in own_names and manifest.is_regular_file(path) and not os.path.ismount(path)
         ):
             continue
         obstacle = (
@@ -254,19 +254,19 @@ def _check_obstacles(folder: Path, names: Iterable[str]) -> None:
         )
 
 
-def settle(folder: Path) -> None:
+def restore_interrupted(folder: Path) -> None:
     """Restore an old result that is half replaced; raise UserError on failure."""
-    if any((place / JOURNAL).exists() for place in hidden.within(folder)):
-        with _locked_folder(folder), undisturbed():
+    if any((place / JOURNAL).exists() for place in hidden.hidden_folders_in(folder)):
+        with _locked_folder(folder), signals_deferred():
             _settle_locked(folder)
 
 
 def _settle_locked(folder: Path) -> None:
     """Restore old results as `settle` does, in a folder that is locked."""
-    for place in hidden.within(folder):
+    for place in hidden.hidden_folders_in(folder):
         if not (place / JOURNAL).exists():
             continue
-        with hidden.taken(place) as held:
+        with hidden.lock_if_abandoned(place) as held:
             if not held:
                 raise UserError(
                     f"output folder {folder}: another process is replacing its results "
@@ -323,7 +323,7 @@ def _restore(target: Path, folder: Path, aside: list[str], new: dict[str, str]) 
 
 
 def _has_digest(path: Path, digest: str) -> bool:
-    return manifest.regular(path) and manifest.digest(path) == digest
+    return manifest.is_regular_file(path) and manifest.digest(path) == digest
 
 
 def summary(folder: Path, name: str) -> dict[str, Any] | None:
@@ -359,11 +359,13 @@ def results(folder: str | os.PathLike[str]) -> list[Path]:
     if not folder.is_dir():
         raise UserError(f"results {folder}: the folder does not exist")
     try:
-        settle(folder)
+        restore_interrupted(folder)
         with _locked_folder(folder, shared=True):
             listed = manifest.read_manifest(folder)
             fault = (
-                manifest.fault(folder, listed) if listed else f"it has no {manifest.NAME} of drift"
+                manifest.difference_from_manifest(folder, listed)
+                if listed
+                else f"it has no {manifest.NAME} of drift"
             )
     except OSError as error:
         raise UserError(f"results {folder}: cannot be read ({error.strerror})") from None
@@ -377,7 +379,7 @@ def results(folder: str | os.PathLike[str]) -> list[Path]:
 @contextmanager
 def _locked_folder(folder: Path, *, shared: bool = False) -> Iterator[None]:
     """Lock a folder against other processes of drift; raise UserError if one keeps it locked."""
-    with hidden.alone(folder, PATIENCE, shared=shared) as free:
+    with hidden.folder_lock(folder, PATIENCE, shared=shared) as free:
         if not free:
             raise UserError(
                 f"output folder {folder}: another process is replacing its results; wait for it "
@@ -389,7 +391,7 @@ def _locked_folder(folder: Path, *, shared: bool = False) -> Iterator[None]:
 def _manifest_digest(folder: Path) -> str | None:
     """Return the digest of the manifest in a folder; None if there is none."""
     path = folder / manifest.NAME
-    return manifest.digest(path) if manifest.regular(path) else None
+    return manifest.digest(path) if manifest.is_regular_file(path) else None
 
 
 def _write(path: Path, text: str) -> None:

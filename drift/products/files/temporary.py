@@ -27,12 +27,14 @@ def check_room(need: int, what: str) -> None:
     try:
         free = shutil.disk_usage(tempfile.gettempdir()).free
     except OSError as error:
-        raise refusal(error.strerror or str(error)) from error
+        raise temporary_folder_error(error.strerror or str(error)) from error
     if need > free:
-        raise refusal(f"{what} need {notation.size(need)}, and {notation.size(free)} are free")
+        raise temporary_folder_error(
+            f"{what} need {notation.format_bytes(need)}, and {notation.format_bytes(free)} are free"
+        )
 
 
-def refusal(reason: str) -> UserError:
+def temporary_folder_error(reason: str) -> UserError:
     """Return an error about the temporary folder, with advice."""
     temporary = tempfile.tempdir or os.environ.get("TMPDIR", "")
     return UserError(
@@ -62,7 +64,7 @@ def _on_disk(shape: tuple[int, ...], kind: npt.DTypeLike, size: int) -> Array:
         return np.memmap(file, kind, "r+", shape=shape)
 
 
-def let_go(values: Array) -> None:
+def release_pages(values: Array) -> None:
     """Release the memory pages of an array on disk; its values stay."""
     mapped = getattr(values, "_mmap", None)
     if isinstance(mapped, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):

@@ -16,8 +16,8 @@ import numpy as np
 import xarray as xr
 
 from drift.products.files import chapter, discovery, drawing, formats, manifest, publication
-from drift.products.files.chapter import Chapter, Contents, Stamped
-from drift.products.files.interrupt import undisturbed
+from drift.products.files.chapter import Contents, OutputBundle, Stamped
+from drift.products.files.interrupt import signals_deferred
 from geo.errors import UserError
 
 SUMMARY = "summary.json"
@@ -42,7 +42,7 @@ def check_folder(folder: Path, overwrite: bool = False, names: Iterable[str] = (
 
 def write(
     folder: Path,
-    chapters: Iterable[Chapter],
+    chapters: Iterable[OutputBundle],
     *,
     overwrite: bool = False,
     processes: int = 1,
@@ -72,7 +72,7 @@ def write(
     stamped = _stamped(outputs.facts, outputs.warnings)
 
     def fill(staging: Path) -> None:
-        with drawing.begun(outputs.pictures, staging, processes) as finish:
+        with drawing.draw_in_parallel(outputs.pictures, staging, processes) as finish:
             for k, (name, make) in enumerate(outputs.files.items(), 1):
                 _write_file(staging / name, make(stamped), stamped)
                 tell(FILES * k / len(outputs.files))
@@ -81,7 +81,7 @@ def write(
         for name, digest in outputs.digests.items():
             digest(staging / name)
 
-    return whole(folder, stamped["run_id"], fill, overwrite=overwrite)
+    return write_all_or_none(folder, stamped["run_id"], fill, overwrite=overwrite)
 
 
 def write_netcdf(
@@ -97,7 +97,7 @@ def write_netcdf(
         warnings: warnings of the run.
     """
     try:
-        _write_dataset(discovery.described(data, _stamped(facts, warnings), name), path)
+        _write_dataset(discovery.with_metadata(data, _stamped(facts, warnings), name), path)
     except OSError as error:
         raise UserError(f"{path}: cannot be written ({error.strerror or error})") from error
 
@@ -115,7 +115,7 @@ def _stamped(facts: Stamped, warnings: Sequence[str]) -> Stamped:
     }
 
 
-def whole(
+def write_all_or_none(
     folder: Path, run_id: str, fill: Callable[[Path], None], *, overwrite: bool
 ) -> list[Path]:
     """Write files into a folder, all of them or none, and return their paths.
@@ -147,7 +147,7 @@ def whole(
 def _write_file(path: Path, contents: Contents, stamped: Stamped) -> None:
     """Write a dataset with the run's attributes, a JSON object, or a text."""
     if isinstance(contents, xr.Dataset):
-        _write_dataset(discovery.described(contents, stamped, path.stem), path)
+        _write_dataset(discovery.with_metadata(contents, stamped, path.stem), path)
     elif isinstance(contents, str):
         path.write_text(contents, encoding="utf-8", newline="\n")
     else:
@@ -181,7 +181,7 @@ def _write_dataset(data: xr.Dataset, path: Path) -> None:
             }
     try:
         # an exception in between leaves HDF5's lock taken, and closing the file waits for ever
-        with undisturbed():
+        with signals_deferred():
             data.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding)
     except RuntimeError as error:  # netCDF4 raises this if HDF5 cannot write
         raise OSError(f"{path.name}: {error}") from error

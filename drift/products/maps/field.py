@@ -58,7 +58,7 @@ def draw_field(
     some = np.s_[every[0] // 2 :: every[0], every[1] // 2 :: every[1]]
     finite = np.isfinite(np.hypot(east, north)[some])
     px, py = (v[some][finite] for v in np.meshgrid(lon, lat))
-    u, v = turned(frame, px, py, east[some][finite], north[some][finite])
+    u, v = rotate_to_projection(frame, px, py, east[some][finite], north[some][finite])
     ax.quiver(
         *frame.project(px, py),
         u,
@@ -75,7 +75,9 @@ def draw_field(
     page.save(canvas, path, title, None, dpi=110)
 
 
-def turned(frame: Frame, lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
+def rotate_to_projection(
+    frame: Frame, lon: Array, lat: Array, east: Array, north: Array
+) -> tuple[Array, Array]:
     """Return vectors [m/s] rotated to the axes of the projection, with unchanged length.
 
     Args:

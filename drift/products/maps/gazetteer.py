@@ -56,7 +56,7 @@ def _all() -> tuple[list[str], Array, Array, Array, Array]:
     return [row[0] for row in rows], lon, lat, people, harbour > 0
 
 
-def around(box: Box, most: int = 12) -> list[Place]:
+def places_in_box(box: Box, most: int = 12) -> list[Place]:
     """Return up to `most` important places in a box, harbours first, well apart from each other."""
     names, lon, lat, people, harbour = _all()
     x = sphere.east_of_degrees(lon, box.west)
@@ -75,7 +75,7 @@ def around(box: Box, most: int = 12) -> list[Place]:
     return [Place(names[k], float(x[k]), float(lat[k]), bool(harbour[k])) for k in chosen]
 
 
-def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near]:
+def nearest_towns(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near]:
     """Return the town or harbour that each place is named after.
 
     Args:
@@ -91,7 +91,7 @@ def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near
     reaching = frozenset[int]()
     if land is not None and len(land.polygons):
         reaching, known = (
-            land_masses.reaching_the_edge(land),
+            land_masses.masses_at_edge(land),
             land.box or Box(-180.0, -90.0, 180.0, 90.0),
         )
         inside = np.flatnonzero(
@@ -99,8 +99,8 @@ def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near
             & (lats >= known.south)
             & (lats <= known.north)
         )
-        mass[inside] = land_masses.of_places(land, lons[inside], lats[inside])
-        own = land_masses.of_places(land, np.asarray(lon), np.asarray(lat))
+        mass[inside] = land_masses.mass_of_places(land, lons[inside], lats[inside])
+        own = land_masses.mass_of_places(land, np.asarray(lon), np.asarray(lat))
     else:
         own = np.full(len(lon), UNKNOWN)
     found = []

@@ -118,7 +118,7 @@ def number(value: float) -> str:
     return f"{round(value, digits):,.{max(digits, 0)}f}"
 
 
-def scale(top: float) -> tuple[float, str]:
+def density_unit(top: float) -> tuple[float, str]:
     """Return a unit of area [nmi2], and its name, that suits a density [% per nmi2].
 
     The unit is nmi2 for densities from 0.01 to 100.

@@ -20,12 +20,12 @@ def figure(width: float, height: float) -> tuple[Figure, FigureCanvasAgg]:
     return figure, FigureCanvasAgg(figure)
 
 
-def literal() -> AbstractContextManager[None]:
+def literal_text() -> AbstractContextManager[None]:
     """Return a context in which texts are drawn literally: a "$" in a name starts no formula."""
     return matplotlib.rc_context({"text.parse_math": False})
 
 
-def kept(draw: Callable[[Path], None]) -> Callable[[Path], None]:
+def warn_on_failure(draw: Callable[[Path], None]) -> Callable[[Path], None]:
     """Return a drawing function that turns an error into a warning.
 
     A failed picture must not cost the other files of a long run.
@@ -33,7 +33,7 @@ def kept(draw: Callable[[Path], None]) -> Callable[[Path], None]:
 
     def attempt(path: Path) -> None:
         try:
-            with literal():
+            with literal_text():
                 draw(path)
         except (ArithmeticError, LookupError, StopIteration, TypeError, ValueError) as error:
             path.unlink(missing_ok=True)
@@ -61,7 +61,7 @@ def fit(text: str, characters: float) -> str:
     return textwrap.shorten(text, int(characters), placeholder=" …")
 
 
-def names(texts: Sequence[str], characters: float) -> list[str]:
+def shorten_names(texts: Sequence[str], characters: float) -> list[str]:
     """Return names shortened to a number of characters, such that different names stay different.
 
     Names of several parts ("transit, north, 8 kn") with equal first parts drop these if one of the

@@ -67,12 +67,12 @@ class Page:
     canvas: FigureCanvasAgg
 
 
-def begin(sheet: Sheet) -> Page:
+def begin_page(sheet: Sheet) -> Page:
     """Return an empty page with a layout."""
     return Page(sheet, *page.figure(sheet.width, sheet.height))
 
 
-def say(on: Page, row: Row, text: str) -> None:
+def write_line(on: Page, row: Row, text: str) -> None:
     """Write a line of text at the left margin."""
     words = text if row.letters is None else page.fit(text, row.letters)
     style: dict[str, Any] = {
@@ -99,19 +99,19 @@ def small(y: float, size: float, letters: float | None = None) -> Row:
     return Row(y, size, letters, colour=GREY)
 
 
-def head(on: Page, imprint: Imprint, *lines: str) -> None:
+def write_head(on: Page, imprint: Imprint, *lines: str) -> None:
     """Write the title, the lines under it, and the caution as a banner."""
     sheet, title = on.sheet, on.sheet.title
     if imprint.caution and sheet.beside is not None:
         title = Row(title.y, title.size, sheet.beside, title.weight, title.colour, title.va)
-    say(on, title, imprint.title)
+    write_line(on, title, imprint.title)
     for row, text in zip(sheet.lines, lines, strict=True):
-        say(on, row, text)
+        write_line(on, row, text)
     if imprint.caution and sheet.caution is not None:
         _banner(on, sheet.caution, imprint.caution)
 
 
-def rough(on: Page, text: str) -> None:
+def draw_rough_banner(on: Page, text: str) -> None:
     """Draw a banner about few effective particles or worlds."""
     assert on.sheet.rough is not None
     _banner(on, on.sheet.rough, text)
@@ -121,18 +121,18 @@ def _banner(on: Page, badge: Badge, text: str) -> None:
     page.banner(on.figure, badge.x, badge.y, badge.side, badge.size, text)
 
 
-def foot(on: Page, imprint: Imprint) -> None:
+def write_footer(on: Page, imprint: Imprint) -> None:
     """Write the footer."""
     if imprint.footer:
-        say(on, on.sheet.footer, imprint.footer)
+        write_line(on, on.sheet.footer, imprint.footer)
 
 
-def end(on: Page, path: Path, imprint: Imprint, title: str = "") -> None:
+def finish_page(on: Page, path: Path, imprint: Imprint, title: str = "") -> None:
     """Write the footer, and save the picture.
 
     title: title in the file's metadata, if it differs from that of the imprint.
     """
-    foot(on, imprint)
+    write_footer(on, imprint)
     page.save(on.canvas, path, title or imprint.title, imprint.attributes, dpi=on.sheet.dpi)
 
 
@@ -178,7 +178,7 @@ def density_bar(
     figure.colorbar(
         mesh, cax=bar, orientation="horizontal" if horizontal else "vertical", extend="max"
     )
-    unit_area, unit = labels.scale(mesh.norm.vmax)
+    unit_area, unit = labels.density_unit(mesh.norm.vmax)
     ticks = labels.ticks(mesh.norm.vmax * unit_area)
     (bar.set_xticks if horizontal else bar.set_yticks)(
         ticks / unit_area, labels=[labels.plain(tick) for tick in ticks]

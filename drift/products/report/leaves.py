@@ -25,7 +25,7 @@ Columns = Sequence[
 ALWAYS, AT, SINCE, DURING = "always", "at", "since", "during"  # when a shape is shown
 
 
-def maps(
+def maps_leaf(
     title: str,
     time: Array,
     lon: Array,
@@ -53,8 +53,10 @@ def maps(
     Returns:
         The leaf.
     """
-    fold = packed.fold(len(time) * (len(stories) + (containment is not None)), len(lat), len(lon))
-    cells = packed.summed(area, fold)
+    fold = packed.merge_factor(
+        len(time) * (len(stories) + (containment is not None)), len(lat), len(lon)
+    )
+    cells = packed.merge_by_sum(area, fold)
     return {
         "leaf": "maps",
         "title": title,
@@ -64,16 +66,17 @@ def maps(
         "stories": list(stories),
         "top": [float(top) for top in tops],
         "density": [
-            packed.logarithms(packed.summed(values, fold), cells) for values in stories.values()
+            packed.logarithms(packed.merge_by_sum(values, fold), cells)
+            for values in stories.values()
         ],
         "containment": None
         if containment is None
-        else packed.shares(packed.least(containment, fold)),
+        else packed.shares(packed.merge_by_minimum(containment, fold)),
         "shown": shown,
     }
 
 
-def shapes(
+def shapes_leaf(
     title: str,
     file: str,
     look: str,
@@ -125,12 +128,14 @@ def shapes(
     }
 
 
-def features(title: str, drawn: Sequence[Mapping[str, Any]], look: str, **options: Any) -> Leaf:
+def features_leaf(
+    title: str, drawn: Sequence[Mapping[str, Any]], look: str, **options: Any
+) -> Leaf:
     """Return GeoJSON features that are in no file as a layer; options: as for `shapes`."""
-    return {**shapes(title, "", look, **options), "features": list(drawn)}
+    return {**shapes_leaf(title, "", look, **options), "features": list(drawn)}
 
 
-def marked(
+def marks_leaf(
     title: str, marks: Sequence[Mark], lines: Sequence[Line], look: str, **options: Any
 ) -> Leaf:
     """Return the named marks and lines of a chart as a layer; options: as for `shapes`."""
@@ -143,10 +148,10 @@ def marked(
         drawn.append(
             geojson.feature(geojson.lines([shapely.LineString(ring)]), {"name": line.label})
         )
-    return features(title, drawn, look, label="name", **options)
+    return features_leaf(title, drawn, look, label="name", **options)
 
 
-def points(
+def points_leaf(
     title: str,
     file: str,
     look: str,
@@ -182,7 +187,7 @@ def points(
     }
 
 
-def track(title: str, file: str, lon: str, lat: str, look: str, *, shown: bool = True) -> Leaf:
+def track_leaf(title: str, file: str, lon: str, lat: str, look: str, *, shown: bool = True) -> Leaf:
     """Return a track from two columns of a CSV file, with its point at the time of the map."""
     return {
         "leaf": "track",
@@ -195,7 +200,7 @@ def track(title: str, file: str, lon: str, lat: str, look: str, *, shown: bool =
     }
 
 
-def sample(
+def sample_leaf(
     title: str,
     time: Array,
     lon: Array,
@@ -231,7 +236,7 @@ def sample(
     }
 
 
-def arrows(
+def arrows_leaf(
     title: str, time: Array, lon: Array, lat: Array, velocity: Array, look: str, *, shown: bool
 ) -> Leaf:
     """Return arrows of a flow over time.

@@ -33,7 +33,7 @@ def packed_numbers(values: Array, kind: npt.DTypeLike) -> str:
     return packed_text(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes())
 
 
-def fold(maps: int, rows: int, columns: int) -> int:
+def merge_factor(maps: int, rows: int, columns: int) -> int:
     """Return how many cells to merge in each direction, so that all maps have at most MOST values.
 
     Args:
@@ -56,21 +56,21 @@ def axis(middles: Array, fold: int) -> dict[str, float]:
     }
 
 
-def summed(values: Array, fold: int) -> Array:
+def merge_by_sum(values: Array, fold: int) -> Array:
     """Return sums over fold x fold cells, (..., nlat, nlon); cells beyond the edge count as 0."""
     if fold == 1:
         return values
     if values.ndim > 2:  # one map at a time, as all at once need twice their memory
-        return np.stack([summed(one, fold) for one in values])
+        return np.stack([merge_by_sum(one, fold) for one in values])
     return np.asarray(_folded(values, fold, 0.0).sum(axis=(-3, -1)))
 
 
-def least(values: Array, fold: int) -> Array:
+def merge_by_minimum(values: Array, fold: int) -> Array:
     """Return the minimum over fold x fold cells, (..., nlat, nlon), ignoring NaN."""
     if fold == 1:
         return values
     if values.ndim > 2:
-        return np.stack([least(one, fold) for one in values])
+        return np.stack([merge_by_minimum(one, fold) for one in values])
     return np.asarray(
         np.fmin.reduce(np.fmin.reduce(_folded(values, fold, np.nan), axis=-1), axis=-2)
     )

@@ -88,11 +88,11 @@ def _places(box: Box) -> Leaf:
     """Return a leaf with the names of towns and harbours."""
     drawn = [
         geojson.feature(geojson.point(place.lon, place.lat), {"name": place.name})
-        for place in gazetteer.around(
+        for place in gazetteer.places_in_box(
             box.grown(0.3 * (box.east - box.west), 0.3 * (box.north - box.south)), PLACES
         )
     ]
-    return records.features("Towns and harbours", drawn, "place", label="name")
+    return records.features_leaf("Towns and harbours", drawn, "place", label="name")
 
 
 def _files_of_leaf(leaf: Leaf) -> list[str]:

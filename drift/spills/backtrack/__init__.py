@@ -1,1 +1,1 @@
-"""Where a spill came from, backward from its finds."""
+"""Backtrack: estimate where and when a spill was released, from its finds."""

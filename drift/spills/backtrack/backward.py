@@ -1,4 +1,4 @@
-"""Where and when a spill was released, proposed by a run backward in time from its finds.
+"""Estimate where and when a spill was released, by a run backward in time from its finds.
 
 As a function of the release (x, t), the density p(find | x, t) obeys the backward Kolmogorov
 equation. With s the time before the find it reads dp/ds = v . grad p + D lap p. Particles moved by
@@ -12,22 +12,29 @@ Backward worlds share factors of windage and errors of the current, but no relea
 on a grid. Within a world, finds are independent given the release, so their densities multiply. The
 product is then averaged over worlds.
 
-The answer is the forward posterior (drift.spills.worlds.finds); this is a proposal where to look,
-because it leaves out:
-- the chance that the other objects were missed (1 - u), and with it what finds say of the readiness
-  to report. Where many objects are not found, leaving it out draws the release towards the finds: a
-  release near them would have given more of them;
-- the flux onto a shore. The density at d = tracks.OFFING off the shore stands for it. Off a
-  straight shore their ratio goes as sinh(z) / z, z = x d / (2 D t), where x is the distance at a
-  time t before the arrival: releases come out too far and too late by d where z is large (hardly
-  any diffusion), and by next to nothing where it is below a half;
-- the width of the kernels that turn particles into densities (`_smooth`). Where particles are not
-  spread normally it shifts the mean, for arrivals at a straight shore by 2 to 3 % of a standard
-  deviation a find;
+The forward posterior (drift.spills.worlds.finds) is the final answer. This estimate only proposes
+where to look, because it neglects:
+
+- the chance that the other objects were missed (1 - u), and with it the evidence of the finds on
+  the
+reporting rate. If many objects are not found, this draws the release towards the finds: a release
+near
+them would have given more of them;
+- the flux onto a shore. The density at d = tracks.OFFING off the shore replaces it. Off a straight
+  shore
+their ratio goes as sinh(z) / z, z = x d / (2 D t), where x is the distance at a time t before the
+arrival: releases come out too far and too late by d if z is large (hardly any diffusion), and by
+next
+to nothing if it is below a half;
+- the width of the kernels that turn particles into densities (`_smooth`). If particles are not
+  spread
+normally it shifts the mean, for arrivals at a straight shore by 2 to 3 % of a standard deviation a
+find;
 - refloating and sliding: a track that meets the coast ends there.
-All objects are taken to go adrift when half of `release_duration` is over. A find that may be false
-has, if it is false, the density of one that is equally likely to come from anywhere in the box of
-the prior.
+
+All objects are assumed to go adrift when half of `release_duration` is over. A find that may be
+false has, if it is false, the density of one that is equally likely to come from anywhere in the
+box of the prior.
 """
 
 from collections.abc import Iterator, Sequence
@@ -66,29 +73,27 @@ from kernels.maths.noise import Purpose
 from kernels.step import advance
 from kernels.step import coast as device_coast
 
-DRAWS = 2**19  # from the prior, to count its share in every cell
+DRAWS = 2**19  # draws from the prior, to count its share in every cell
 TAIL = 1e-4  # share of the prior that lies beyond each side of the grid
 SMALLEST = 10.0  # [m] side of a cell
 POINT = 1e-4  # [deg] width of the only cell where all releases are at one longitude or latitude
-# [cells] narrowest kernel: a normal curve of this width is summed over the centres of cells to 0.2
-# %
+# [cells] narrowest kernel: the sum of a normal curve of this width over cell centres errs by 0.2 %
 FINEST = 0.6
 CUT = 6.0  # widths beyond which a kernel counts as zero: 2e-9 of its mass lies there
 LEAST = 1.0001 * np.exp(-(CUT**2) / 2)  # height of a kernel there, with room for rounding
-BATCH = 100  # worlds whose densities are computed at once, to bound the memory
+BATCH = 100  # worlds whose densities are computed at once, to limit memory
 SECOND = np.timedelta64(1, "s")
 ROUGH = "place and time are rough"
-# [bit] below which finds are said to tell nothing: a normal law moved by half its width has 0.18
+# [bit] less information is reported as none: a normal distribution shifted by half its standard
+# deviation gives 0.18
 LITTLE = 0.25
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Release place and time on a grid; prior and probability have shape (time, lat, lon) and sum
-    1.
-    """
+    """Release place and time on a grid: prior and posterior, (time, lat, lon), each with sum 1."""
 
-    # [deg] centres of cells, without a jump at the antimeridian, so they may leave -180..180
+    # [deg] centres of cells, without a jump at the antimeridian, so they may exceed -180..180
     lon: Real
     lat: Real
     time: npt.NDArray[np.datetime64]  # [s] centres of equal parts of the release window
@@ -99,7 +104,7 @@ class Origin:
     # standard error of the mean by the delta method over worlds: [m], [m], [s]
     error: tuple[float, float, float]
     worlds: int
-    effective: float  # number of worlds that still count after the finds
+    effective: float  # effective number of worlds after the finds
 
 
 @dataclass(frozen=True)
@@ -110,15 +115,15 @@ class _Grid:
     lat: Real
     time: npt.NDArray[np.int64]  # [s since 1970]
     prior: Real
-    side: float  # [m] of a cell
+    side: float  # [m] side of a cell
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Middle (lon, lat) [deg], about which the map is a plane."""
+        """Centre (lon, lat) [deg] of the grid, and of its plane map."""
         return float(self.lon[[0, -1]].mean()), float(self.lat[[0, -1]].mean())
 
     def plane(self, lon: Array, lat: Array) -> tuple[Array, Array]:
-        """Return (x, y) [m] of places [deg] on a plate carree that is true at the middle."""
+        """Return (x, y) [m] of places [deg] on a plate carree that is true at the centre."""
         lon0, lat0 = self.centre
         east = np.radians(sphere.wrap_degrees(lon - lon0)) * (
             sphere.RADIUS * np.cos(np.radians(lat0))
@@ -128,7 +133,7 @@ class _Grid:
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely an origin is resolved: worlds x per_find particles go back from each find."""
+    """Resolution of an origin: worlds x per_find particles go back from each find."""
 
     worlds: int = 500
     per_find: int = 200
@@ -146,11 +151,23 @@ def backward(
     resolution: Resolution = Resolution(),
     progress: Progress | None = None,
 ) -> Origin:
-    """Return where and when the objects found may have been released.
+    """Estimate where and when the objects found were released.
 
-    spec: of the forward run. stretch: the segment of each of the spill's finds
-    (drift.spills.worlds.evidence.stretch_of_find), -1 at sea; segments: None if all are. Raises
-    UserError without finds, and where no release that is allowed leads to them.
+    Args:
+        spill: the spill with its finds.
+        spec: ensemble of the forward run.
+        clock_spec: step and scheme of the run.
+        where: forcing and coast.
+        segments: stretches of coast; None if all finds are at sea.
+        stretch: segment of each find (drift.spills.worlds.evidence.stretch_of_find), -1 at sea.
+        resolution: numbers of worlds, particles, cells and times.
+        progress: callback for the progress of the run.
+
+    Returns:
+        Prior and posterior of the release.
+
+    Raises:
+        UserError: there are no finds, or no release that is allowed leads to them.
     """
     if not spill.finds:
         raise UserError("no finds: nothing says where the spill came from; add a [[find]]")
@@ -159,10 +176,10 @@ def backward(
     prior_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_PRIOR)
     grid = _prior_grid(spill, prior_seed, is_land, resolution)
     world_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_WORLDS)
-    many = len(where.members)
-    # as many worlds of each member
-    count = -(-resolution.worlds // many) * many if many else resolution.worlds
-    worlds = drawn_worlds.draw_worlds(spill, world_seed, is_land, count=count, members=many)
+    members = len(where.members)
+    # round up, so that all members have the same number of worlds
+    count = -(-resolution.worlds // members) * members if members else resolution.worlds
+    worlds = drawn_worlds.draw_worlds(spill, world_seed, is_land, count=count, members=members)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
     adrift = grid.time + round(spill.release_duration / 2)
     elapsed = notation.epoch(latest) - adrift  # [s] from the last find back to each release
@@ -178,10 +195,10 @@ def backward(
         shore = device_coast.upload(where.coast) if where.coast else None
         bias, box = spill.current_bias > 0, domain.binary(where.box)
         polar = domain.is_polar(where.box)
-        place = advance.Surroundings(
+        surroundings = advance.Surroundings(
             box, shore, bias=bias, divergence=True, scheme=clock_spec.scheme, polar=polar
         )
-        scene = Scene(forcing, models.motions(spec.errors, spec.scenarios), place)
+        scene = Scene(forcing, models.motions(spec.errors, spec.scenarios), surroundings)
         clock, _ = step_size.clock_of(
             backward_spec.period, clock_spec, spec.errors, where.sources, ensemble, scene
         )
@@ -202,8 +219,8 @@ def _prior_grid(
 ) -> _Grid:
     """Return the grid with the prior in it, counted from many draws.
 
-    Place and time are independent unless the prior is a voyage, so all draws then count for the
-    place at every time.
+    Place and time are independent unless the prior is a voyage; then all draws count for the place
+    at every time.
     """
     draws = drawn_worlds.draw_worlds(spill, seed, is_land, count=DRAWS)
     lon, lat = sphere.to_degrees(draws.lon), sphere.to_degrees(draws.lat)
@@ -234,16 +251,16 @@ def _prior_grid(
 
 @dataclass(frozen=True)
 class _Slice:
-    """What one release time adds to the posterior.
+    """The contribution of one release time to the posterior.
 
     probability and sums are to be multiplied by exp(log_scale).
     """
 
-    time: int  # its number on the grid
+    time: int  # index on the grid
     log_scale: float
     probability: Real  # (ny, nx) prior times the likelihood's mean over worlds
-    sums: Real  # (worlds, 3) of prior times likelihood over the map: times 1, x and y [m]
-    find_mass: Real  # (finds,) prior times likelihood of each find alone, summed over the map
+    sums: Real  # (worlds, 3) sums over the map of prior times likelihood, times 1, x and y [m]
+    find_mass: Real  # (finds,) sum over the map of prior times likelihood of each find alone
 
 
 def _slices(
@@ -254,7 +271,7 @@ def _slices(
     ensemble: Ensemble,
     moments: Iterator[tuple[int, simulate.Moment]],
 ) -> Iterator[_Slice]:
-    """Yield prior times likelihood on the grid, one release time after the other."""
+    """Yield prior times likelihood on the grid for each release time."""
     gx, gy = grid.plane(grid.lon, grid.lat)
     for k, moment in moments:
         density = _find_densities(spill, grid, worlds, groups, ensemble, moment)
@@ -288,7 +305,7 @@ def _find_densities(
     Its shape is (finds, worlds, ny, nx).
     """
     gx, gy = grid.plane(grid.lon, grid.lat)
-    # Of a cell: its area in the plane over that on the sphere.
+    # area of a cell in the plane over that on the sphere
     area_ratio = (np.cos(np.radians(grid.centre[1])) / np.cos(np.radians(grid.lat)))[:, None]
     box = grid.side**2 * gx.size * gy.size
     release = ensemble.release.to_numpy()
@@ -320,24 +337,23 @@ def _find_densities(
 
 def _mean(values: Array) -> Array:
     """Return the mean over worlds (W, ...)."""
-    return partials.over_worlds(values) / len(values)
+    return partials.sum_over_worlds(values) / len(values)
 
 
 def _smooth(
     x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, release_std: float
 ) -> Array:
-    """Return kernel densities [1/m2] of weighted particles, convolved with the scatter, (worlds,
-    ny, nx).
+    """Return kernel densities [1/m2] of particles, convolved with the release scatter.
 
-    x, y [m], weight: (worlds, n); gx (nx,), gy (ny,) [m]: where the densities are wanted. Normal
-    product kernels of n^(-1/4) standard deviations, n effective particles, at least as wide as the
-    scatter and FINEST cells. What is wider than the scatter is made up for by drawing the particles
-    in towards their mean, so that variances stay (West 1993).
+    Their shape is (worlds, ny, nx). x, y [m], weight: (worlds, n); gx (nx,), gy (ny,) [m]: nodes of
+    the grid. The product kernels are normal, n^(-1/4) standard deviations wide for n effective
+    particles, at least as wide as the scatter and FINEST cells. To keep variances, particles are
+    shrunk towards their mean by what the kernels are wider than the scatter (West 1993).
 
     Silverman's rule (1986, eq. 4.15), n^(-1/6), suits a map of one world. Here densities are
     multiplied over finds and then averaged over worlds: the noise of the kernels averages out,
     their bias stays, and adds up find by find. So they are narrower; but a kernel still holds about
-    n^(1/2) particles, so that noise does not pick the worlds.
+    n^(1/2) particles, so that noise does not decide between worlds.
     """
     total = weight.sum(axis=1, keepdims=True)
     share = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0)
@@ -354,11 +370,11 @@ def _smooth(
         )
         width = np.sqrt(width_squared)
         shrunk = ((mean + shrinkage * (place - mean)) / width).astype(np.float32)
-        bell = shrunk[..., None] - (node / width).astype(np.float32)[:, None]
-        bell *= bell
-        np.exp(np.minimum(bell, CUT**2, out=bell) * np.float32(-0.5), out=bell)
-        bell *= bell > LEAST  # denormal float32 numbers would take a hundred times as long
-        kernels.append(bell / (width * np.sqrt(2 * np.pi)).astype(np.float32)[..., None])
+        kernel = shrunk[..., None] - (node / width).astype(np.float32)[:, None]
+        kernel *= kernel
+        np.exp(np.minimum(kernel, CUT**2, out=kernel) * np.float32(-0.5), out=kernel)
+        kernel *= kernel > LEAST  # denormal float32 numbers would take a hundred times as long
+        kernels.append(kernel / (width * np.sqrt(2 * np.pi)).astype(np.float32)[..., None])
     return np.asarray(
         np.matmul(
             (kernels[1] * weight[..., None].astype(np.float32)).transpose(0, 2, 1), kernels[0]
@@ -367,20 +383,21 @@ def _smooth(
 
 
 def _posterior(spill: Spill, grid: _Grid, worlds: int, by_time: Iterator[_Slice]) -> Origin:
-    """Return the posterior of all release times together."""
+    """Return the posterior over all release times."""
     slices = list(by_time)
     find_mass = np.sum([s.find_mass for s in slices], axis=0)
     for find, mass in zip(spill.finds, find_mass, strict=True):
         if mass <= 0 and find.false == 0:
             raise UserError(
-                f"{find.name}: no release that [spill] allows leads there, by {len(slices)} times of release and the "
-                "tracks back from it; check its place and time, widen the release, or make [domain] larger"
+                f"{find.name}: no release that [spill] allows leads there ({len(slices)} release times were "
+                "tried); check its place and time, widen the release, or make [domain] larger"
             )
     top = max(s.log_scale for s in slices)
     if not np.isfinite(top):
         raise UserError(
             "the finds exclude each other: each could come from a release that [spill] allows, but no release leads to "
-            "all; check their times, raise windage_bias or current_bias, or give false = a probability to the odd one"
+            "all of them; check their times, raise windage_bias or current_bias, or set `false` to a probability for "
+            "the odd one"
         )
     probability, sums = np.zeros(grid.prior.shape), np.zeros((worlds, 4))
     time0 = int(grid.time[0])
@@ -391,7 +408,7 @@ def _posterior(spill: Spill, grid: _Grid, worlds: int, by_time: Iterator[_Slice]
         sums[:, 3] += factor * s.sums[:, 0] * (grid.time[s.time] - time0)
     total = sums[:, 0].sum()
     mean = sums[:, 1:].sum(axis=0) / total
-    # the mean is a ratio of sums: what each world adds to its error
+    # each world's contribution to the error of the mean, which is a ratio of sums
     residual = sums[:, 1:] - mean * sums[:, :1]
     error = np.sqrt((residual**2).sum(axis=0) * worlds / max(worlds - 1, 1)) / total
     probability /= probability.sum()
@@ -424,42 +441,40 @@ def _posterior(spill: Spill, grid: _Grid, worlds: int, by_time: Iterator[_Slice]
 
 
 def count(origin: Origin) -> Count:
-    """Return how many of the worlds count."""
+    """Return the effective number of worlds."""
     return Count(origin.effective, origin.worlds, "worlds")
 
 
 def warnings(origin: Origin) -> list[str]:
-    """Return warnings of what is not reliable in an origin."""
+    """Return warnings that an origin is unreliable or no result of its finds."""
     few_worlds = effective.sentence(
         count(origin), "after the finds", f"{ROUGH}; one find may contradict the rest: check each"
     )
-    told = [few_worlds] if count(origin).few else []
-    return told + ([nothing_new(origin)] if information(origin) < LITTLE else [])
+    lines = [few_worlds] if count(origin).few else []
+    return lines + ([nothing_new(origin)] if information(origin) < LITTLE else [])
 
 
 def information(origin: Origin) -> float:
-    """Return what the finds say beyond the prior of the release [bit]: the posterior's divergence
-    from it.
+    """Return the information of the finds on the release [bit].
 
-    Kullback and Leibler 1951, doi:10.1214/aoms/1177729694.
+    It is the Kullback-Leibler divergence of the posterior from the prior (Kullback and Leibler
+    1951, doi:10.1214/aoms/1177729694).
     """
-    there = origin.probability > 0
-    share, before = origin.probability[there], origin.prior[there]
-    return max(float((share * np.log2(share / before)).sum()), 0.0)
+    positive = origin.probability > 0
+    share, prior = origin.probability[positive], origin.prior[positive]
+    return max(float((share * np.log2(share / prior)).sum()), 0.0)
 
 
 def nothing_new(origin: Origin) -> str:
-    """Return in words that the finds leave the release as it was."""
+    """Return the warning that the finds hardly change the prior."""
     return (
-        f"the finds say next to nothing of the release beyond what the case gave ({information(origin):.2f} bit): place and "
-        "time are those of [spill], and no result of these finds; to learn from them give a wider area, or more finds"
+        f"the finds add next to no information on the release ({information(origin):.2f} bit): place and time are "
+        "those that [spill] gives, and no result of the finds; give a wider area, or more finds"
     )
 
 
 def dataset(origin: Origin) -> xr.Dataset:
-    """Return prior and posterior probability by time, lat and lon, with what a reader needs to
-    know.
-    """
+    """Return prior and posterior probability by time, lat and lon as an xarray.Dataset."""
     dims = ("time", "lat", "lon")
     return xr.Dataset(
         {
@@ -503,7 +518,7 @@ def _axis(name: str, axis: str, units: str) -> dict[str, str]:
 
 
 def edges(centres: Real) -> Real:
-    """Return the edges [deg] of cells of equal width by their centres, shape (n + 1,).
+    """Return the edges [deg] of cells of equal width from their centres, (n + 1,).
 
     A single cell is POINT wide.
     """
@@ -512,7 +527,7 @@ def edges(centres: Real) -> Real:
 
 
 def cell_area(origin: Origin) -> Real:
-    """Return the area [m2] of a cell of each row, R^2 dlon (sin lat2 - sin lat1), shape (nlat,)."""
+    """Return the area [m2] of a cell in each row, R^2 dlon (sin lat2 - sin lat1), (nlat,)."""
     width = np.radians(edges(origin.lon)[1] - edges(origin.lon)[0])
     return np.asarray(sphere.RADIUS**2 * width * np.diff(np.sin(np.radians(edges(origin.lat)))))
 
@@ -520,9 +535,9 @@ def cell_area(origin: Origin) -> Real:
 def summary(origin: Origin) -> dict[str, float | str]:
     """Return the release in figures by column: mean, radii and areas by share, times by quantile.
 
-    A radius is about the mean position; an area is the smallest that holds the share, to a cell.
+    Radii are about the mean position; an area is the smallest that holds the share, to one cell.
     """
-    place, when = origin.probability.sum(axis=0), origin.probability.sum(axis=(1, 2))
+    place, probability_of_time = origin.probability.sum(axis=0), origin.probability.sum(axis=(1, 2))
     lon, lat = np.meshgrid(origin.lon, origin.lat)
     centre = np.radians(origin.mean[:2])
     distance = sphere.distance(centre[0], centre[1], np.radians(lon), np.radians(lat)).ravel()
@@ -550,7 +565,7 @@ def summary(origin: Origin) -> dict[str, float | str]:
     seconds = notation.epochs(origin.time)
     half = (seconds[1] - seconds[0]) / 2 if seconds.size > 1 else 0.0
     time_edges = np.concatenate([seconds - half, [seconds[-1] + half]])
-    cumulative = np.concatenate([[0.0], np.cumsum(when)])
+    cumulative = np.concatenate([[0.0], np.cumsum(probability_of_time)])
     for share in (10, 50, 90):
         row[f"time_{share}"] = _utc(float(np.interp(share / 100, cumulative, time_edges)))
     row["information_bit"] = information(origin)

@@ -1,4 +1,4 @@
-"""What a backward run of a spill hands out: where and when it may have been released."""
+"""The output files of a backward run: where and when a spill may have been released."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.products.maps.marks import Mark
 from drift.spills.backtrack import backward, outlines, report, text
@@ -17,53 +17,53 @@ from geo import notation
 
 @dataclass(frozen=True)
 class OriginOutputs:
-    """What the files and pictures are made from."""
+    """The inputs of the origin's files and picture."""
 
     origin: Origin
     finds: Sequence[Find]
     setting: Setting
 
 
-def _table(matter: OriginOutputs, stamped: Stamped) -> str:
-    return text.csv(backward.summary(matter.origin), stamped["run_id"])
+def _table(outputs: OriginOutputs, stamped: Stamped) -> str:
+    return text.csv(backward.summary(outputs.origin), stamped["run_id"])
 
 
-def _picture(matter: OriginOutputs, path: Path) -> None:
-    # here: Matplotlib takes a second to import
+def _plot(outputs: OriginOutputs, path: Path) -> None:
+    # imported here because Matplotlib takes a second
     from drift.spills.backtrack import map as origin_map
 
-    origin_map.plot_origin(matter.origin, path, replace(matter.setting, marks=_marks(matter)))
+    origin_map.plot_origin(outputs.origin, path, replace(outputs.setting, marks=_marks(outputs)))
 
 
-def _marks(matter: OriginOutputs) -> list[Mark]:
+def _marks(outputs: OriginOutputs) -> list[Mark]:
     return [
-        Mark(find.lon, find.lat, f"{k} {find.name}, {notation.group(find.time)[:6]}Z")
-        for k, find in enumerate(matter.finds, 1)
-        if not math.isnan(find.lat)  # a find on a named stretch has no place of its own
+        Mark(find.lon, find.lat, f"{k} {find.name}, {notation.format_dtg(find.time)[:6]}Z")
+        for k, find in enumerate(outputs.finds, 1)
+        if not math.isnan(find.lat)  # a find on a named stretch has no position
     ]
 
 
 FILES: dict[str, Callable[[OriginOutputs, Stamped], Contents]] = {
-    "origin.nc": lambda matter, stamped: backward.dataset(matter.origin),
+    "origin.nc": lambda outputs, stamped: backward.dataset(outputs.origin),
     "origin.csv": _table,
-    "origin.geojson": lambda matter, stamped: outlines.collection(
-        matter.origin, _marks(matter), stamped
+    "origin.geojson": lambda outputs, stamped: outlines.collection(
+        outputs.origin, _marks(outputs), stamped
     ),
 }
 PICTURES: dict[str, Callable[[OriginOutputs, Path], None]] = {
-    "origin.png": _picture,
+    "origin.png": _plot,
 }
 
 
-def chapter(matter: OriginOutputs) -> Chapter:
-    """Return the chapter of a backward run."""
-    warnings = backward.warnings(matter.origin)
-    numbers = {"origin": backward.summary(matter.origin), "warnings": warnings}
-    leaves = (partial(report.origin_leaves, matter.origin, _marks(matter)),)
-    return Chapter(
+def chapter(outputs: OriginOutputs) -> OutputBundle:
+    """Return the output bundle of a backward run."""
+    warnings = backward.warnings(outputs.origin)
+    numbers = {"origin": backward.summary(outputs.origin), "warnings": warnings}
+    leaves = (partial(report.origin_leaves, outputs.origin, _marks(outputs)),)
+    return OutputBundle(
         numbers,
-        bound(FILES, matter),
-        bound(PICTURES, matter),
+        bind_outputs(FILES, outputs),
+        bind_outputs(PICTURES, outputs),
         leaves=leaves,
         warnings=tuple(warnings),
     )

@@ -1,8 +1,7 @@
-"""The picture of where and when a spill may have been released: its place as a map, its time as
-bars.
+"""The picture of an origin: posterior release place as a map, and release time as bars.
 
-Both show the posterior. Dark is more, lines differ by their dashes and bars by their fill, so that
-it reads in grey. Land comes from the polygons handed in; nothing is downloaded.
+Darker means more, lines differ by their dashes and bars by their fill, so that the picture is
+readable in grey. Land comes from the given polygons; nothing is downloaded.
 """
 
 from collections.abc import Sequence
@@ -41,7 +40,7 @@ PRIOR: dict[str, Any] = {
     "linewidth": 1.6,
     "linestyle": layers.PRIOR_DASHES[0],
 }
-# share of the prior's largest density; cells of less hold too few draws to draw a line by
+# prior outline, as a share of its largest density; cells with less have too few draws for a line
 ALLOWED = 0.01
 ROW = 0.032  # height of a row of warnings over the map, as a share of the page
 BY_FINDS: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
@@ -71,9 +70,9 @@ BADGE = {
     "edgecolor": layers.LAST_KNOWN,
     "linewidth": 1.2,
 }
-LISTED = 12  # finds whose names are listed
+LISTED = 12  # most finds whose names are listed
 MAP = (0.055, 0.17, 0.57, 0.69)  # left, bottom, width, height, as shares of the page
-LEFT, RIGHT = 0.66, 0.985  # of what stands beside the map
+LEFT, RIGHT = 0.66, 0.985  # of the column beside the map
 SHEET = Sheet(
     11.7,
     8.3,
@@ -89,13 +88,13 @@ SHEET = Sheet(
 
 @dataclass(frozen=True)
 class _Shown:
-    """The release place over all times, as it is drawn."""
+    """The release place over all times, as drawn."""
 
     density: Array  # [% per nmi2], (nlat, nlon)
-    containment: Array  # share whose area just holds the cell, (nlat, nlon)
+    containment: Array  # share of the smallest area that holds the cell, (nlat, nlon)
     allowed: shapely.MultiPolygon  # outline of the prior
     areas: dict[float, tuple[shapely.MultiPolygon, float]]  # outline and size [nmi2] by share
-    few: bool  # too few worlds count for certain outlines
+    few: bool  # whether too few worlds are effective for certain outlines
 
     def line(self, share: float) -> dict[str, Any]:
         """Return the style of an area's outline."""
@@ -103,12 +102,12 @@ class _Shown:
 
 
 def plot_origin(origin: Origin, path: Path, setting: Setting) -> None:
-    """Draw what drift.spills.backtrack.backward.backward found.
+    """Draw the result of drift.spills.backtrack.backward.backward into a PNG.
 
-    setting: its marks are the finds, their labels beginning with their numbers: what follows is
-    listed beside the map ("1 first box, 031516Z").
+    setting: its marks are the finds. The label of a mark begins with its number; the rest is listed
+    beside the map ("1 first box, 031516Z").
     """
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     shown, marks = _shown(origin), setting.marks
     height = MAP[3] - ROW * shown.few
     ax = on.figure.add_axes((*MAP[:3], height))
@@ -126,8 +125,8 @@ def plot_origin(origin: Origin, path: Path, setting: Setting) -> None:
     _times(on.figure, origin)
     _figures(on.figure, origin)
     _names(on.figure, marks)
-    sheet.say(on, sheet.heading(0.045, 9.5), CAVEAT)
-    sheet.end(on, path, setting.imprint)
+    sheet.write_line(on, sheet.heading(0.045, 9.5), CAVEAT)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _shown(origin: Origin) -> _Shown:
@@ -141,9 +140,7 @@ def _shown(origin: Origin) -> _Shown:
 
 
 def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) -> Frame:
-    """Return the frame of the shaded cells, the finds, and the prior's outline where it is not far
-    off.
-    """
+    """Return the frame of the shaded cells, the finds, and the prior's outline unless far off."""
     rows, columns = (
         np.flatnonzero(outlines.within(shown.containment, mapped.SHOWN).any(axis=axis))
         for axis in (1, 0)
@@ -165,7 +162,7 @@ def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) 
 
 
 def _shade(ax: Axes, frame: Frame, origin: Origin, shown: _Shown) -> Any:
-    """Shade the cells by their density; what exceeds the top of the scale holds a tenth."""
+    """Shade the cells by their density; the cells above the scale's top hold a tenth."""
     top = float(shown.density[outlines.within(shown.containment, 0.1)].min())
     corners = frame.project(*np.meshgrid(backward.edges(origin.lon), backward.edges(origin.lat)))
     inside = np.ma.masked_where(~outlines.within(shown.containment, mapped.SHOWN), shown.density)
@@ -176,7 +173,7 @@ def _shade(ax: Axes, frame: Frame, origin: Origin, shown: _Shown) -> Any:
 
 
 def _outlines(ax: Axes, frame: Frame, shown: _Shown) -> None:
-    """Draw the outline of the prior and those of the areas."""
+    """Draw the outlines of the prior and of the areas."""
     layers.rings(ax, frame, shown.allowed, PRIOR)
     for share, (shape, _) in shown.areas.items():
         layers.rings(ax, frame, shape, shown.line(share))
@@ -201,7 +198,7 @@ def _points(
         ax.plot(mx, my, zorder=12, **FIND)
         style = {"fontsize": 8.5, "weight": "bold", "color": layers.LAST_KNOWN, "bbox": BADGE}
         texts.append((float(mx), float(my), mark.label.partition(" ")[0], style))
-    rings = [ring for shape, _ in shown.areas.values() for ring in layers.kept(shape)]
+    rings = [ring for shape, _ in shown.areas.values() for ring in layers.rings_to_draw(shape)]
     lines = [np.column_stack(frame.project(ring[:, 0], ring[:, 1])) for ring in rings]
     drawn = np.concatenate(
         [*lines, np.array([text[:2] for text in texts]).reshape(-1, 2), [[float(x), float(y)]]]
@@ -219,11 +216,11 @@ def _bar(figure: Figure, mesh: Any) -> None:
 
 
 def _words(on: Page, origin: Origin, imprint: Imprint) -> None:
-    """Write over the map what it shows, and how many worlds it stands on."""
+    """Write over the map what it shows, and the number of worlds."""
     worlds = f"{origin.worlds:,} worlds, effective {origin.effective:,.0f}"
-    sheet.head(on, imprint, "Release proposed by tracks back from the finds", worlds)
+    sheet.write_head(on, imprint, "Release proposed by tracks back from the finds", worlds)
     if backward.count(origin).few:
-        sheet.rough(on, effective.banner(backward.count(origin), backward.ROUGH))
+        sheet.draw_rough_banner(on, effective.banner(backward.count(origin), backward.ROUGH))
 
 
 def _legend(figure: Figure, shown: _Shown, finds: bool, land: bool) -> None:
@@ -254,14 +251,12 @@ def _legend(figure: Figure, shown: _Shown, finds: bool, land: bool) -> None:
 
 
 def _times(figure: Figure, origin: Origin) -> None:
-    """Draw the release time's probability as bars before its prior's, and its middle 80 % over
-    them.
-    """
+    """Draw the posterior of the release time as bars before its prior, with its middle 80 %."""
     if origin.time.size == 1:
         figure.text(
             LEFT,
             0.55,
-            f"Released at {notation.group(origin.time[0])}, as given",
+            f"Released at {notation.format_dtg(origin.time[0])}, as given",
             fontsize=9.5,
             color=INK,
         )
@@ -292,7 +287,8 @@ def _times(figure: Figure, origin: Origin) -> None:
     ax.set_ylim(0, top)
     ticks = labels.round_times(*ax.get_xlim(), 4)
     ax.set_xticks(
-        ticks, labels=[f"{notation.group(np.datetime64(int(tick), 's'))[:6]}Z" for tick in ticks]
+        ticks,
+        labels=[f"{notation.format_dtg(np.datetime64(int(tick), 's'))[:6]}Z" for tick in ticks],
     )
     ax.tick_params(labelsize=8, colors=INK, length=3)
     ax.locator_params(axis="y", nbins=4)
@@ -336,9 +332,9 @@ def _figures(figure: Figure, origin: Origin) -> None:
         ("Mean place", notation.position(origin.mean[0], origin.mean[1]) or ""),
         ("Half within", text.length(float(summary["radius_50_km"])) + " of it"),
         ("90 % within", text.length(float(summary["radius_90_km"])) + " of it"),
-        ("Released", f"10 %: before {notation.group(low)}"),
-        ("", f"50 %: before {notation.group(half)}"),
-        ("", f"90 %: before {notation.group(high)}"),
+        ("Released", f"10 %: before {notation.format_dtg(low)}"),
+        ("", f"50 %: before {notation.format_dtg(half)}"),
+        ("", f"90 %: before {notation.format_dtg(high)}"),
         (
             "Error of the mean",
             f"{text.length(float(np.hypot(east, north)) / 1000)}, {text.number(late / 3600)} h",
@@ -350,7 +346,7 @@ def _figures(figure: Figure, origin: Origin) -> None:
 
 
 def _names(figure: Figure, marks: Sequence[Mark]) -> None:
-    """List the finds by number, where they have names, in two columns."""
+    """List the finds that have names, by number, in two columns."""
     names = [mark.label for mark in marks if " " in mark.label]
     if len(names) > LISTED:
         names[LISTED - 1 :] = [f"and {len(names) - LISTED + 1} more"]
@@ -364,7 +360,7 @@ def _names(figure: Figure, marks: Sequence[Mark]) -> None:
 
 
 def _quantiles(origin: Origin) -> list[np.datetime64]:
-    """Return the times before which 10, 50 and 90 % of the release lies."""
+    """Return the times before which 10, 50 and 90 % of the release lie."""
     summary = backward.summary(origin)
     return [
         np.datetime64(str(summary[f"time_{share}"]).removesuffix("Z"), "s")

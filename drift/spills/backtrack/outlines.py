@@ -1,6 +1,4 @@
-"""Outlines of where a spill may have been released, over all times: smallest areas that hold a
-share, by linear contours.
-"""
+"""Outlines of the release place over all times: the smallest areas of given shares, as contours."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -20,7 +18,7 @@ from geo import notation
 from geo.array import Array
 from geo.notation import NMI
 
-# share of a line's density below which all counts as this, to keep lines near
+# lowest density for contouring, as a share of a line's density: keeps lines near the cells
 FLOOR = float(np.exp(-4.0))
 SHARES = (0.5, 0.9)
 
@@ -30,12 +28,12 @@ class Outlines:
     """The release place over all times, by cell, and its areas by share."""
 
     density: Array  # [% per nmi2], (nlat, nlon)
-    containment: Array  # share whose area just holds the cell, (nlat, nlon)
+    containment: Array  # share of the smallest area that holds the cell, (nlat, nlon)
     areas: dict[float, tuple[shapely.MultiPolygon, float]]  # outline [deg] and size [nmi2] by share
 
 
 def release_outlines(origin: Origin, shares: Sequence[float] = SHARES) -> Outlines:
-    """Return the areas of a release that hold some shares."""
+    """Return the smallest areas of the release place that hold the shares."""
     mass, area = origin.probability.sum(axis=0), backward.cell_area(origin)
     per_nmi2 = 100 * mass / (area[:, None] / NMI**2)
     containment, levels, sizes, _ = areas.containment(
@@ -57,14 +55,12 @@ def release_outlines(origin: Origin, shares: Sequence[float] = SHARES) -> Outlin
 
 
 def within(containment: Array, share: float) -> Array:
-    """Return which cells the area of a share holds, at least one."""
+    """Return the cells in the area of a share, at least one, bool (nlat, nlon)."""
     return np.asarray(containment <= max(share, float(containment.min())))
 
 
 def outline(origin: Origin, values: Array, level: float) -> shapely.MultiPolygon:
-    """Return where a density exceeds a level [deg], by its logarithm, linear between centres of
-    cells.
-    """
+    """Return where a density exceeds a level [deg]; its log is linear between cell centres."""
     floor = level * FLOOR
     field = np.pad(np.log(np.maximum(values, floor)), 1, constant_values=np.log(floor))
     lon, lat = (
@@ -86,17 +82,18 @@ def collection(
 ) -> dict[str, Any]:
     """Return areas, mean and finds as a GeoJSON FeatureCollection, cut at the antimeridian.
 
-    finds: their labels begin with their numbers. Every feature has a kind: area, mean or find.
+    finds: marks whose labels begin with their numbers. Every feature has a kind: area, mean or
+    find.
     """
     features = []
     for share, (shape, size) in release_outlines(origin).areas.items():
-        told = {
+        properties = {
             "kind": "area",
             "level": share,
             "area_nmi2": float(f"{size:.6g}"),
             "area_km2": float(f"{size * NMI**2 / 1e6:.6g}"),
         }
-        features.append(geojson.feature(geojson.polygons(shape), told))
+        features.append(geojson.feature(geojson.polygons(shape), properties))
     lon, lat, seconds = origin.mean
     when = notation.iso(np.datetime64(round(seconds), "s"))
     features.append(geojson.feature(geojson.point(lon, lat), {"kind": "mean", "time": when}))

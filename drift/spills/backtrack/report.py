@@ -1,6 +1,4 @@
-"""What report.html shows of a backward run: where the release may have been, by its time, and how
-sure that is.
-"""
+"""Items of report.html for a backward run: release place by time, and the figures."""
 
 from collections.abc import Sequence
 
@@ -14,20 +12,20 @@ from drift.spills.backtrack.backward import Origin
 
 
 def origin_leaves(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
-    """Return the leaves of a backward run and of its finds."""
+    """Return the report items of a backward run and of its finds."""
     area = np.broadcast_to(backward.cell_area(origin)[:, None], origin.probability.shape[1:])
-    whole = np.broadcast_to(origin.probability.sum(axis=0), origin.probability.shape)
-    stories = {
-        "At any time": whole,
+    all_times = np.broadcast_to(origin.probability.sum(axis=0), origin.probability.shape)
+    layers = {
+        "At any time": all_times,
         "In this interval": origin.probability,
         "In this interval, before the finds": origin.prior,
     }
-    top = float((whole / area).max(initial=0.0)) or 1.0
+    top = float((all_times / area).max(initial=0.0)) or 1.0
     return [
-        leaves.maps(
-            "Release", origin.time, origin.lon, origin.lat, stories, area, [top] * len(origin.time)
+        leaves.maps_leaf(
+            "Release", origin.time, origin.lon, origin.lat, layers, area, [top] * len(origin.time)
         ),
-        leaves.marked("Finds", finds, (), "find", frame=True),
+        leaves.marks_leaf("Finds", finds, (), "find", frame=True),
         leaves.table_leaf(
             "Release",
             [("", "Figure", "words"), ("", "Value", "words")],

@@ -1,7 +1,6 @@
-"""The result of a backward run as text for the terminal, the report and the picture, and as a row
-of CSV.
+"""The result of a backward run as text, for the terminal, report and picture, and as CSV.
 
-Lengths have three digits, in nautical miles and kilometres; machines read origin.csv, with six.
+Lengths have three digits, in nautical miles and kilometres; origin.csv has six digits.
 """
 
 from collections.abc import Mapping
@@ -17,7 +16,7 @@ Row = Mapping[str, float | str]  # of drift.spills.backtrack.backward.summary
 
 
 def origin_facts(row: Row) -> dict[str, str]:
-    """Return the figures of a release by name."""
+    """Return the figures of a release as text, by name."""
     value = {name: float(number) for name, number in row.items() if not isinstance(number, str)}
     error = float(np.hypot(value["east_error_km"], value["north_error_km"]))
     spread = value["time_std_h"] > 0
@@ -46,8 +45,8 @@ def origin_facts(row: Row) -> dict[str, str]:
 
 def csv(row: Row, run: str) -> str:
     """Return the figures as CSV: positions to 1 cm, the others to six digits."""
-    told = [value if isinstance(value, str) else _cell(name, value) for name, value in row.items()]
-    return formats.csv_text([*row, "run_id"], [[*told, run]])
+    cells = [value if isinstance(value, str) else _cell(name, value) for name, value in row.items()]
+    return formats.csv_text([*row, "run_id"], [[*cells, run]])
 
 
 def _cell(name: str, value: float) -> str:
@@ -55,11 +54,11 @@ def _cell(name: str, value: float) -> str:
 
 
 def _group(iso: float | str) -> str:
-    return notation.group(np.datetime64(str(iso).removesuffix("Z"), "s"))
+    return notation.format_dtg(np.datetime64(str(iso).removesuffix("Z"), "s"))
 
 
 def length(km: float) -> str:
-    """Return a length in words."""
+    """Return a length [km] as text in nautical miles and kilometres."""
     return f"{number(1000 * km / NMI)} nmi ({number(km)} km)"
 
 
@@ -68,7 +67,7 @@ def _area(km2: float) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number to three digits: 1,230, 12.3, 0.0123."""
+    """Return a number with three digits: 1,230, 12.3, 0.0123."""
     if not np.isfinite(value) or value == 0:
         return f"{value:g}"
     digits = 2 - int(np.floor(np.log10(abs(value))))

@@ -1,9 +1,10 @@
-"""Particles that go back from the finds of a spill: where and when each begins, and its weight.
+"""Draw the particles that go back from the finds of a spill: start, time and weight.
 
-Every find sends out particles of every class that it may be of, the same number in each world. They
-begin where and when their object was found. At sea that is about its place. Ashore it is a little
-off the beach, at a time of arrival drawn from the law of waits for a report and weighted by the
-patrols that missed it. Particles for which no place in water is drawn have no weight.
+Every find has particles of every class that it may be of, the same number in each world. They begin
+where and when their object was found. At sea that is about its position. Ashore it is a little off
+the beach, at a time of arrival drawn from the distribution of waiting times for a report, and
+weighted by the patrols that missed the object. Particles for which no place in water is drawn have
+no weight.
 """
 
 from collections.abc import Sequence
@@ -41,16 +42,16 @@ SECOND = np.timedelta64(1, "s")
 class Group:
     """Slots of particles that go back from one find as objects of one class, world after world."""
 
-    find: int  # its number
+    find: int  # number of the find
     kind: int  # number of the class
     share: float  # probability that the find is of the class
-    first: int  # slot
-    count: int  # slots for every world
+    first: int  # first slot
+    count: int  # slots of each world
 
 
 @dataclass(frozen=True)
 class Beaches:
-    """The coast, its segments, and on which of them each find lay."""
+    """The coast, its segments, and the segment of each find."""
 
     coast: Coast | None
     segments: Segments | None  # None only if all finds are at sea
@@ -65,11 +66,18 @@ def begin(
     per_find: int,
     rng: np.random.Generator,
 ) -> tuple[Ensemble, list[Group]]:
-    """Return the particles of a run backward, all pending, and how they belong to finds and
-    classes.
+    """Return the particles of a backward run, all pending, and their groups by find and class.
 
-    spec: its period starts at the last find and runs backward. per_find: particles of a find in a
-    world, at least FEWEST of each class that it may be of.
+    Args:
+        spec: ensemble of the run; its period starts at the last find and runs backward.
+        spill: the spill with its finds.
+        worlds: worlds of the backward run.
+        beaches: the coast with the segments of the finds.
+        per_find: particles of a find in a world, at least FEWEST of each class that it may be of.
+        rng: generator of places and waiting times.
+
+    Returns:
+        The ensemble and its groups.
     """
     groups, bounds = _groups(spill, worlds.size, per_find)
     ensemble = _equip(spec, spill, worlds, groups, bounds)
@@ -78,7 +86,7 @@ def begin(
 
 
 def _groups(spill: Spill, worlds: int, per_find: int) -> tuple[list[Group], tuple[int, ...]]:
-    """Return the groups, those of a class side by side, and the bounds of the classes' slots."""
+    """Return the groups, sorted by class, and the bounds of the classes' slots."""
     groups, bounds = [], [0]
     for k, kind in enumerate(spill.kinds):
         first = bounds[-1]
@@ -95,10 +103,8 @@ def _groups(spill: Spill, worlds: int, per_find: int) -> tuple[list[Group], tupl
 def _equip(
     spec: EnsembleSpec, spill: Spill, worlds: Worlds, groups: list[Group], bounds: tuple[int, ...]
 ) -> Ensemble:
-    """Return objects of every class with the worlds they belong to, each with its own leeway and
-    errors.
-    """
-    seed = noise.seed_for(spec.seed, Purpose.BACKWARD)  # other noise than that of the forward run
+    """Return an ensemble with worlds, leeway and errors for every class."""
+    seed = noise.seed_for(spec.seed, Purpose.BACKWARD)  # independent of the forward run's noise
     ensemble, key = record.empty(seed, bounds, release.columns(worlds)), noise.key(seed)
     world = np.concatenate(
         [np.repeat(np.arange(worlds.size, dtype=np.int32), group.count) for group in groups]
@@ -129,11 +135,14 @@ def _place(
     groups: list[Group],
     rng: np.random.Generator,
 ) -> None:
-    """Put every particle where and when its object was found at sea, or went ashore; and weight it."""
+    """Set position, release time and log weight of every particle.
+
+    It begins where and when its object was found at sea, or went ashore.
+    """
     lon, lat = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.int32)
     release, log_weight = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.float32)
     coast, segments = beaches.coast, beaches.segments
-    edges = shoreline.edges(coast) if coast else np.empty((0, 4), np.int32)
+    edges = shoreline.shoreline_edges(coast) if coast else np.empty((0, 4), np.int32)
     for group in groups:
         find, segment = spill.finds[group.find], beaches.of_find[group.find]
         shape = (worlds.size, group.count)
@@ -182,8 +191,9 @@ def _at_sea(
 def _off_beach(
     edges: Array, coast: Coast, n: int, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Return places [binary angle] a little off edges, uniform along them, and whether each is in
-    water.
+    """Return places [binary angle] a little off edges, and whether each is in water.
+
+    They are uniform along the edges.
     """
     scale = np.cos(edges[:, 1] * sphere.UNIT)  # a unit of longitude in units of latitude
     east = (edges[:, 2].astype(np.int64) - edges[:, 0]).astype(np.int32) * scale
@@ -209,12 +219,11 @@ def _off_beach(
 def _wait(
     find: Find, spill: Spill, rate: float, worlds: Worlds, count: int, rng: np.random.Generator
 ) -> Real:
-    """Return times [s] from going ashore to being found, (worlds, count), since any release at
-    most.
+    """Return times [s] from going ashore to being found, (worlds, count).
 
-    Objects are reported or removed at constant rates, so the times are exponential; they are
-    uniform for a find of which only the latest time is known. rate: of reports on the segment
-    [1/s], before each world's factor.
+    They are at most the time since the earliest release. Objects are reported or removed at
+    constant rates, so the times are exponential; they are uniform for a find of which only the
+    latest time is known. rate: of reports on the segment [1/s], before each world's factor.
     """
     longest = float((find.time - spill.prior.release_start) / SECOND)
     u = rng.random((worlds.size, count))
@@ -225,8 +234,7 @@ def _wait(
 
 
 def _log_missed(find: Find, spill: Spill, segments: Segments, segment: int, wait: Real) -> Real:
-    """Return the log probability that patrols of a segment missed an object lying there, (worlds,
-    n).
+    """Return the log probability that patrols missed an object on a segment, (worlds, n).
 
     wait: how long the object lay there before its find [s], (worlds, n).
     """
@@ -242,8 +250,13 @@ def _log_missed(find: Find, spill: Spill, segments: Segments, segment: int, wait
 def afloat(kind: Kind, time: Real, age: Real) -> Real:
     """Return the probability that an object has not sunk at an age, (worlds, n).
 
-    time: each world's half-life or median time of sinking [s], (worlds,). age: since it went adrift
-    [s], (worlds, n).
+    Args:
+        kind: class of the object.
+        time: each world's half-life or median time of sinking [s], (worlds,).
+        age: time since the object went adrift [s], (worlds, n).
+
+    Returns:
+        Probabilities, (worlds, n).
     """
     if kind.sinking is None:
         return np.ones(age.shape)

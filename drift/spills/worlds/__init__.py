@@ -1,1 +1,1 @@
-"""Many objects from one cause: worlds, fates, finds, and what comes ashore where and when."""
+"""Spills: worlds, fates of particles, finds, and the number of objects ashore by place and time."""

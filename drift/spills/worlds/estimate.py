@@ -1,31 +1,37 @@
-"""Figures over weighted worlds: means and quantiles of groups, with standard errors.
+"""Means and quantiles of groups over weighted worlds, with standard errors.
 
-Worlds are the independent units: several realisations of a world are averaged before they come here
-as its one value. Weights add up to 1 over all worlds. A standard error holds what the worlds and
-the particles in them leave open; it is NaN where too few worlds count.
+Worlds are the independent units: several realisations of a world are averaged to one value
+beforehand. Weights add up to 1 over all worlds. A standard error includes the finite number of
+worlds and of particles in them; it is NaN if too few worlds are effective.
 """
 
 import numpy as np
 
 from geo.array import Array
 
-# worlds that may have been missed: the square of the two standard errors that are to hold
+# worlds added for those that were not seen: the square of the two standard errors of an interval
 UNSEEN = 4.0
-# worlds on either side, in order of how often a group is hit, that tell how much one of them brings
+# worlds on either side, by frequency of hits, from which the value of an unseen hit is estimated
 ALIKE = 25.0
-SLACK = 1e-9  # by which a cumulative sum may miss a share through rounding
-ONE = 2**52  # share 1 in fixed point: sums are exact, and differences too where they wrap
+SLACK = 1e-9  # largest rounding error of a cumulative sum
+ONE = 2**52  # share 1 in fixed point: sums are exact, and so are differences that wrap
 
 
 def mean(value: Array, weight: Array, start: Array, squares: float) -> tuple[Array, Array]:
     """Return the mean over worlds and its standard error of every group, each (groups, k).
 
-    value: of the worlds that are not 0, (n, k), group after group. weight: theirs, (n,). start:
-    first row of each group, (groups,). squares: sum of the squared weights of all worlds.
-
     The error is that of self-normalised importance sampling, sqrt(sum w^2 (x - mean)^2) (Owen 2013,
     Monte Carlo theory, eq. 9.8), times sqrt(m / (m - 1)) at m effective worlds: with equal weights
     the unbiased variance over W.
+
+    Args:
+        value: values of the worlds that are not 0, (n, k), group after group.
+        weight: weights of these worlds, (n,).
+        start: first row of each group, (groups,).
+        squares: sum of the squared weights of all worlds.
+
+    Returns:
+        Means and standard errors.
     """
     count = np.diff(np.append(start, len(weight)))
     w = weight[:, None]
@@ -33,27 +39,31 @@ def mean(value: Array, weight: Array, start: Array, squares: float) -> tuple[Arr
     spread = np.add.reduceat((w * (value - np.repeat(average, count, axis=0))) ** 2, start)
     absent = np.maximum(squares - np.add.reduceat(weight**2, start), 0.0)
     spread += average**2 * absent[:, None]
-    many = 1 / squares
-    factor = many / (many - 1) if many > 1 + SLACK else np.nan
+    effective_worlds = 1 / squares
+    factor = effective_worlds / (effective_worlds - 1) if effective_worlds > 1 + SLACK else np.nan
     return average, np.sqrt(spread * factor)
 
 
 def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
-    """Return what worlds that were not seen leave open of a mean, (groups, k).
+    """Return the standard error of means due to worlds that were not sampled, (groups, k).
 
-    It is a standard error, to be added in squares.
+    It is to be added in squares. The spread over worlds ignores worlds that happened not to be
+    drawn: where 3 of 2,000 worlds hit a group, 8 may be right, and those 5 may bring a hundred
+    objects each where the 3 brought one. For a Poisson number k of hits, two errors sqrt(k + 4)
+    cover the mean at least 95 % of the time, whatever it is, as two errors of a normal number do in
+    95.4 % (at k = 0 they are the upper bound of Wilson's score interval, 1927,
+    doi:10.1080/01621459.1927.10502953). What an unseen world would have added, w x, is the root
+    mean square over the worlds that hit any of the groups hit about as rarely, ALIKE of them on
+    either side if there are so many. This assumes that groups are rare for similar reasons.
 
-    hits, count: weight and number of the worlds that are not 0, (groups, k). square: sum over them
-    of w (w x)^2, w their weights and x their values. many: effective worlds.
+    Args:
+        hits: weight of the worlds with a value above 0, (groups, k).
+        count: number of these worlds, (groups, k).
+        square: sum over them of w (w x)^2, with weights w and values x, (groups, k).
+        many: effective worlds.
 
-    The spread over worlds cannot know of those that did not come: 3 of 2,000 seen may be 8 in
-    truth, and those 5 may bring a hundred objects each where the 3 brought one. Of a Poisson number
-    k of hits two errors sqrt(k + 4) hold the mean at least 95 % of the time, whatever it is, two of
-    a normal number 95.4 % (at k = 0 they are the upper bound of Wilson's score interval, 1927,
-    doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is taken as the
-    root mean square over the worlds that hit any of the groups hit about as rarely, ALIKE of them
-    on either side where there are so many: groups that are rare for similar reasons are taken as
-    similar.
+    Returns:
+        Standard errors.
     """
     order = np.argsort(hits, axis=0, kind="stable")
     parts = [np.take_along_axis(x, order, 0) for x in (count, hits, square)]
@@ -79,13 +89,20 @@ def quantiles(
 ) -> tuple[Array, Array]:
     """Return the quantiles of every group and their standard errors, each (shares, groups).
 
-    value: (n,), group after group and ascending within each. weight: (n,), of any scale. start:
-    (groups,) first of each group. many: effective worlds of each group.
-
     A quantile is the smallest value at which the distribution function reaches the share. Its error
-    is half the way between the quantiles at the share plus and minus that of the distribution
-    function, sqrt(p (1 - p) / many) (Woodruff 1952, doi:10.1080/01621459.1952.10483443); NaN where
-    these leave 0..1.
+    is half the distance between the quantiles at the share plus and minus the error of the
+    distribution function, sqrt(p (1 - p) / many) (Woodruff 1952,
+    doi:10.1080/01621459.1952.10483443); NaN where these leave 0..1.
+
+    Args:
+        value: values (n,), group after group and ascending within each.
+        weight: weights on any scale, (n,).
+        start: first row of each group, (groups,).
+        shares: shares of the quantiles, 0 to 1.
+        many: effective worlds of each group, or of all.
+
+    Returns:
+        Quantiles and standard errors.
     """
     count = np.diff(np.append(start, len(weight)))
     total = np.repeat(np.add.reduceat(weight, start), count)
@@ -111,12 +128,11 @@ def quantiles(
 
 
 def least_error(share: Array, many: float) -> Array:
-    """Return the least standard error that a share seen in `many` effective worlds can have, any
-    shape.
+    """Return the smallest standard error of a share seen in `many` effective worlds, any shape.
 
-    A share of 0 or 1 is not certain: UNSEEN worlds of each kind are added, twice as many as by
-    Agresti and Coull (1998, doi:10.1080/00031305.1998.10480550), who move the share itself too: two
-    errors then hold as they say of rare ones.
+    A share of 0 or 1 is not certain: UNSEEN worlds of each kind are added. That is twice as many as
+    Agresti and Coull add (1998, doi:10.1080/00031305.1998.10480550), who move the share itself too;
+    so two errors have the right coverage for rare shares.
     """
     moved = (np.asarray(share) * many + UNSEEN) / (many + 2 * UNSEEN)
     return np.asarray(np.sqrt(moved * (1 - moved) / (many + 2 * UNSEEN)))

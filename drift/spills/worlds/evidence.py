@@ -1,7 +1,4 @@
-"""Finds and patrols of a case, put on the stretches of a coast: what the likelihood is made of.
-
-Raises UserError for what cannot be.
-"""
+"""Assign the finds and patrols of a case to stretches of coast, for the likelihood."""
 
 import math
 from collections.abc import Sequence
@@ -23,38 +20,42 @@ from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 from geo.errors import UserError
 
-NUMBERS = 25  # most values over which an uncertain number of objects is summed
-FARTHEST = 3000.0  # [m] off the shoreline that a find may be stated to lie
-SHARES = 41  # values of the share destroyed over which is summed
-# [m] off the straight line between a patrol's ends that a stretch's middle may lie
+NUMBERS = 25  # most grid values of an uncertain number of objects
+FARTHEST = 3000.0  # [m] largest distance of a find ashore from the shoreline
+SHARES = 41  # grid values of the share destroyed
+# [m] largest distance of a patrolled stretch's middle from the line between the patrol's ends
 ABREAST = 3000.0
 
 
 def cut_stretches(spill: Spill, coast: Coast) -> Segments:
-    """Return the stretches of coast by which a spill is reported: the user's, or equal ones; each
-    on its land mass.
+    """Return the stretches of coast for a spill's figures: the user's, or equal ones.
 
-    Raises UserError for a file of stretches that cannot be used, and for a bridge that ends far
-    from land.
+    Each has its land mass.
+
+    Raises:
+        UserError: the file of stretches cannot be used, or a bridge ends far from land.
     """
     land = land_masses.build_land_masses(coast.polygons, spill.bridges, coast.cut)
     if spill.stretches is not None:
-        segments = stretches.named(coast, spill.stretches, spill.stretch)
+        segments = stretches.read_named_segments(coast, spill.stretches, spill.stretch)
     else:
         segments = stretches.cut_coast(coast, spill.stretch)
     access = tuple(kind or spill.reporting.coast for kind in segments.access)
-    mass = land_masses.of_stretches(land, coast, segments.of_edge, len(segments.name))
-    return replace(segments, access=access, land=land, mass=mass)
+    mass_of_stretch = land_masses.mass_of_stretches(
+        land, coast, segments.of_edge, len(segments.name)
+    )
+    return replace(segments, access=access, land=land, mass=mass_of_stretch)
 
 
 def build_evidence(
     period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds
 ) -> finds.Known:
-    """Return what is known of a spill.
+    """Return the finds and patrols of a spill, on stretches and in seconds after the start.
 
-    Raises UserError for finds and patrols that are not where they can be.
+    Raises:
+        UserError: a find or a patrol has an impossible place.
     """
-    walks, places = _placed(spill, segments, coast)
+    walks, places = _place_evidence(spill, segments, coast)
     patrols = tuple(
         exposure.Walk(walk, period.elapsed(patrol.time), patrol.detection)
         for walk, patrol in zip(walks, spill.patrols, strict=True)
@@ -64,18 +65,18 @@ def build_evidence(
         finds.Detection(
             find.name,
             kinds.index(find.kind) if find.kind is not None else None,
-            finds.AtSea(find.lon, find.lat, find.radius, 1.0) if where < 0 else where,
+            finds.AtSea(find.lon, find.lat, find.radius, 1.0) if stretch < 0 else stretch,
             period.elapsed(find.time),
             find.latest,
             names.index(find.by) if find.by is not None else None,
             find.false,
         )
-        for find, where in zip(spill.finds, places, strict=True)
+        for find, stretch in zip(spill.finds, places, strict=True)
     ]
     last = max([find.time for find in detections] + [patrol.time for patrol in patrols], default=0)
     until = spill.reporting.until
     return finds.Known(
-        _numbers(spill),
+        _number_priors(spill),
         tuple(detections),
         patrols,
         exposure.Reporting(
@@ -86,26 +87,24 @@ def build_evidence(
     )
 
 
-def _placed(
+def _place_evidence(
     spill: Spill, segments: Segments, coast: Coast
 ) -> tuple[list[tuple[int, ...]], list[int]]:
-    """Return the stretches that each patrol walked, and that of each find (-1: at sea)."""
+    """Return the stretches that each patrol walked, and the stretch of each find (-1: at sea)."""
     walks = [tuple(walked(patrol, segments)) for patrol in spill.patrols]
     names = [patrol.name for patrol in spill.patrols]
     places = [stretch_of_find(find, segments, coast) for find in spill.finds]
-    for find, where in zip(spill.finds, places, strict=True):
-        if find.by is not None and where not in walks[names.index(find.by)]:
+    for find, stretch in zip(spill.finds, places, strict=True):
+        if find.by is not None and stretch not in walks[names.index(find.by)]:
             raise UserError(
-                f'{find.name}: found by patrol "{find.by}" on stretch "{segments.name[where]}", '
+                f'{find.name}: found by patrol "{find.by}" on stretch "{segments.name[stretch]}", '
                 "where that patrol did not go"
             )
     return walks, places
 
 
-def _numbers(spill: Spill) -> finds.Numbers:
-    """Return how many objects there are and what share was destroyed, on grids: each value equally
-    likely.
-    """
+def _number_priors(spill: Spill) -> finds.Numbers:
+    """Return uniform priors, on grids, of the number of objects and of the share destroyed."""
     low, high = spill.objects
     objects = np.unique(
         np.rint(np.linspace(low, high, min(high - low + 1, NUMBERS))).astype(np.int64)
@@ -126,7 +125,7 @@ def _numbers(spill: Spill) -> finds.Numbers:
 
 
 def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
-    """Return how soon an object lying on each stretch is reported [1/s], by its kind of shore."""
+    """Return the rate at which an object on each stretch is reported [1/s], by kind of shore."""
     kinds = [kind or reporting.coast for kind in segments.access]
     for kind, name in zip(kinds, segments.name, strict=True):
         if kind not in reporting.rate:
@@ -141,7 +140,8 @@ def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
 def stretch_of_find(find: Find, segments: Segments, coast: Coast) -> int:
     """Return the stretch on which a find lies; -1 at sea.
 
-    Raises UserError for a find off the coast, with the nearest coast and how far it is.
+    Raises:
+        UserError: the find is not on the coast; the message has the nearest coast and its distance.
     """
     if find.stretch is not None:
         return named(find.stretch, find.name, segments)
@@ -168,7 +168,7 @@ def stretch_of_find(find: Find, segments: Segments, coast: Coast) -> int:
             f"coast is at {notation.position(near[0], near[1])}, and a find ashore lies within "
             f"{FARTHEST / 1000:.0f} km of it; {cure}"
         )
-    return stretches.nearest(segments, coast, find.lon, find.lat)[0]
+    return stretches.nearest_segment(segments, coast, find.lon, find.lat)[0]
 
 
 def named(name: str, place: str, segments: Segments) -> int:
@@ -177,11 +177,11 @@ def named(name: str, place: str, segments: Segments) -> int:
 
     if name in segments.name:
         return segments.name.index(name)
-    if (found := stretches.placed(segments, name)) is not None:
+    if (found := stretches.segment_of_id(segments, name)) is not None:
         return found
     number = name.removeprefix("stretch ")
     if number.isdecimal() and int(number) < len(segments.name):
-        return int(number)  # the picture and the tables number stretches so
+        return int(number)  # as numbered in the picture and in the tables
     near = difflib.get_close_matches(name, segments.name, n=1, cutoff=0.5)
     hint = f'; nearest is "{near[0]}"' if near else ""
     raise UserError(
@@ -192,19 +192,19 @@ def named(name: str, place: str, segments: Segments) -> int:
 def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
     """Return the stretches that a patrol searched.
 
-    They are those named, or those beside the straight line between its ends.
+    They are those named, or those beside the straight line between the patrol's ends.
     """
     if patrol.ends is None:
         return [named(name, f'patrol "{patrol.name}"', segments) for name in patrol.stretches]
     (lon, lat), end = patrol.ends
     start = math.radians(lon), math.radians(lat)
     x, y = sphere.offset(*start, np.radians(segments.lon), np.radians(segments.lat))
-    to = math.radians(end[0]), math.radians(end[1])
-    line = shapely.LineString([(0, 0), sphere.offset(*start, *to)])
+    end_radians = math.radians(end[0]), math.radians(end[1])
+    line = shapely.LineString([(0, 0), sphere.offset(*start, *end_radians)])
     chosen = np.flatnonzero(shapely.distance(line, shapely.points(x, y)) < ABREAST)
     if not chosen.size:
         raise UserError(
             f'patrol "{patrol.name}": no stretch has its middle within {ABREAST / 1000:.0f} km of the line between its '
-            f"ends at {notation.group(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
+            f"ends at {notation.format_dtg(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
         )
     return [int(k) for k in chosen]

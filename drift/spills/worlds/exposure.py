@@ -1,9 +1,8 @@
-"""What objects lying ashore go through: being reported, buried or taken away, and searched for by
-patrols.
+"""Chances of objects ashore of being reported, removed, or found by patrols.
 
-An object on stretch s is reported by the public at the rate h, buried or taken away unreported at
-the rate rho, and found by each patrol of the stretch with its detection probability. From these
-every particle has a probability of having been found, and a density of being found at a stated
+An object on stretch s is reported by the public at the rate h, buried or taken away without a
+report at the rate rho, and found by each patrol of the stretch with its detection probability. So
+every particle has a probability of having been found, and a density of being found at a given
 stretch and time, both in closed form between patrols.
 """
 
@@ -15,26 +14,23 @@ import numpy.typing as npt
 from drift.spills.worlds.fates import FOREVER, Fates
 from geo.array import Array, Real
 
-# Log of the chance that a sure detection misses: e^-700 adds nothing to any sum, yet differences
-# stay finite.
+# Log of the miss probability of a certain detection: e^-700 is negligible, and differences of such
+# logs stay finite.
 LEAST = -700.0
 
 
 @dataclass(frozen=True)
 class Reporting:
-    """How soon an object ashore is reported or lost."""
+    """Rates at which an object ashore is reported or removed."""
 
-    rate: Real  # (S,) by stretch [1/s] at which the public reports an object
-    removal: Real | float  # (S,) or one for all [1/s] of burial or removal without a report
-    factor: Real  # (W,) by world, on the rate
+    rate: Real  # (S,) reports by the public, by stretch [1/s]
+    removal: Real | float  # (S,) or for all stretches: burial or removal without a report [1/s]
+    factor: Real  # (W,) factor of each world on the reporting rate
 
 
 @dataclass(frozen=True)
 class Walk:
-    """A patrol on stretches by number.
-
-    At a time [s after start] it finds each object lying there with a probability.
-    """
+    """A patrol of stretches (numbers) at a time [s after start], with its detection probability."""
 
     segments: tuple[int, ...]
     time: int
@@ -49,10 +45,10 @@ class Exposure:
     patrols: tuple[Walk, ...]
     slot: npt.NDArray[np.int32]
     arrival: Real  # [s after start]
-    leave: Real  # [s after start], inf: stays
+    leave: Real  # [s after start], inf: never
     report: Real  # [1/s]
-    loss: Real  # [1/s] by report, burial or removal
-    before: Real  # log probability that it is still there to be found at its arrival: earlier stays
+    loss: Real  # [1/s] sum of report, burial and removal
+    before: Real  # log probability that the object was not found or removed in earlier stays
     bounds: npt.NDArray[np.int64]  # (S + 1,) first row of each stretch
     visits: tuple[tuple[int, ...], ...]  # (S,) numbers of the patrols of each stretch by time
 
@@ -63,12 +59,12 @@ class Exposure:
 
     @property
     def touched(self) -> Array:
-        """The stretches that have any rows."""
+        """The stretches with any stay."""
         return np.flatnonzero(np.diff(self.bounds))
 
 
 def expose(fates: Fates, reporting: Reporting, patrols: tuple[Walk, ...]) -> Exposure:
-    """Return the stays of every particle with all that can happen to them ashore."""
+    """Return the stays of every particle with their rates and patrols."""
     stays = fates.stays
     segments = reporting.rate.size
     order = np.argsort(stays.segment, kind="stable")
@@ -95,17 +91,17 @@ def expose(fates: Fates, reporting: Reporting, patrols: tuple[Walk, ...]) -> Exp
         tuple(map(tuple, visits)),
     )
     gone = np.flatnonzero(np.isfinite(leave))
-    if gone.size:  # some refloat: `before` is the chance that earlier stays have left them
+    if gone.size:  # some refloat: `before` is the chance of surviving earlier stays
         through = np.zeros(slot.size)
         for s in np.unique(segment[gone]):
             rows = _rows(exposed, int(s))
             rows = rows.start + np.flatnonzero(np.isfinite(leave[rows]))
-            through[rows] = _alive(exposed, int(s), rows, leave[rows])
+            through[rows] = _log_unfound(exposed, int(s), rows, leave[rows])
         time_order = np.empty(slot.size)
         time_order[order] = through  # the order of the stays is by slot and arrival
         first = np.flatnonzero(np.diff(stays.slot, prepend=-1))
         count, ahead = np.diff(np.append(first, slot.size)), np.zeros(slot.size)
-        # stays of one slot after the other: few have many
+        # accumulate over the stays of each slot; few slots have many stays
         for k in range(1, int(count.max(initial=1))):
             later = first[count > k] + k
             ahead[later] = ahead[later - 1] + time_order[later - 1]
@@ -117,31 +113,25 @@ def _rows(exposed: Exposure, segment: int) -> slice:
     return slice(int(exposed.bounds[segment]), int(exposed.bounds[segment + 1]))
 
 
-def _missed(exposed: Exposure, segment: int) -> tuple[Real, Real]:
-    """Return the times of a stretch's P patrols and the log chances (P + 1,) that the first 0 to P
-    all missed.
-    """
+def _log_missed(exposed: Exposure, segment: int) -> tuple[Real, Real]:
+    """Return the times of a stretch's P patrols, and the log chances that the first 0..P miss."""
     patrols = [exposed.patrols[k] for k in exposed.visits[segment]]
     miss = [max(np.log1p(-p.detection), LEAST) if p.detection < 1 else LEAST for p in patrols]
     return np.array([p.time for p in patrols], float), np.concatenate([[0.0], np.cumsum(miss)])
 
 
-def _alive(exposed: Exposure, segment: int, rows: slice | Array, until: Real | float) -> Real:
+def _log_unfound(exposed: Exposure, segment: int, rows: slice | Array, until: Real | float) -> Real:
     """Return the log chance of lying there unfound from arrival until just before a time."""
-    times, miss = _missed(exposed, segment)
+    times, miss = _log_missed(exposed, segment)
     arrival = exposed.arrival[rows]
     passed = miss[np.searchsorted(times, until)] - miss[np.searchsorted(times, arrival)]
     return np.asarray(-exposed.loss[rows] * (until - arrival) + passed)
 
 
 def reported(exposed: Exposure, segment: int, until: float) -> tuple[slice, Real]:
-    """Return the rows of a stretch, and for each stay the chance (rows,) that the public has
-    reported it.
-
-    until: by this time [s].
-    """
+    """Return the rows of a stretch, and each stay's chance of a public report by a time [s]."""
     rows = _rows(exposed, segment)
-    times, miss = _missed(exposed, segment)
+    times, miss = _log_missed(exposed, segment)
     arrival, loss, end = (
         exposed.arrival[rows],
         exposed.loss[rows],
@@ -159,33 +149,31 @@ def reported(exposed: Exposure, segment: int, until: float) -> tuple[slice, Real
 
 
 def public(exposed: Exposure, segment: int, time: float) -> tuple[slice, Real]:
-    """Return the rows of a stretch and the density [1/s] of each stay of being reported at a time."""
+    """Return the rows of a stretch, and each stay's density [1/s] of a public report at a time."""
     rows = _rows(exposed, segment)
     there = (exposed.arrival[rows] <= time) & (time < exposed.leave[rows])
     at = np.where(there, time, exposed.arrival[rows])
     return rows, there * exposed.report[rows] * np.exp(
-        exposed.before[rows] + _alive(exposed, segment, rows, at)
+        exposed.before[rows] + _log_unfound(exposed, segment, rows, at)
     )
 
 
 def lying(exposed: Exposure, segment: int, time: float) -> Real:
-    """Return for each stay the chance (rows,) that it lies unfound on a stretch at a time.
-
-    Patrols of that time come after it.
-    """
+    """Return each stay's chance of lying unfound on a stretch at a time, before patrols then."""
     rows = _rows(exposed, segment)
     there = (exposed.arrival[rows] <= time) & (time < exposed.leave[rows])
     at = np.where(there, time, exposed.arrival[rows])
     return np.asarray(
-        there * np.exp(np.minimum(exposed.before[rows] + _alive(exposed, segment, rows, at), 0.0))
+        there
+        * np.exp(np.minimum(exposed.before[rows] + _log_unfound(exposed, segment, rows, at), 0.0))
     )
 
 
 def searched(exposed: Exposure, segment: int, patrol: int) -> tuple[slice, Real]:
-    """Return the rows of a stretch and the chance of each stay of being found by a patrol of it."""
+    """Return the rows of a stretch, and each stay's chance of being found by one of its patrols."""
     rows = _rows(exposed, segment)
     time, number = float(exposed.patrols[patrol].time), exposed.visits[segment].index(patrol)
-    times, miss = _missed(exposed, segment)
+    times, miss = _log_missed(exposed, segment)
     there = (exposed.arrival[rows] <= time) & (time < exposed.leave[rows])
     passed = miss[number] - miss[np.searchsorted(times, exposed.arrival[rows])]
     alive = exposed.before[rows] - exposed.loss[rows] * (time - exposed.arrival[rows]) + passed
@@ -193,9 +181,9 @@ def searched(exposed: Exposure, segment: int, patrol: int) -> tuple[slice, Real]
 
 
 def found(exposed: Exposure, now: float, before: bool = False) -> Real:
-    """Return the probability (n,) of every particle that it has been found by a time, by any means.
+    """Return every particle's probability (n,) of having been found by a time, by any means.
 
-    before: leave out the patrols at that very time.
+    before: whether to leave out the patrols at that very time.
     """
     chance = np.zeros(exposed.slot.size)
     for s in exposed.touched.tolist():

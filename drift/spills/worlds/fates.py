@@ -1,9 +1,9 @@
-"""What became of every particle of a spill, and complete simulated spills drawn from them.
+"""Fates of a spill's particles, and complete simulated spills drawn from them.
 
 A particle of a world is one possible object: N of a world's particles, drawn without replacement,
-are an exact draw of the fates of its N objects. Fates come part by part, each of some whole worlds
-with all classes of objects: what is made of all of them is made of sums by world, or by blocks of
-worlds, and does not depend on the parts.
+are an exact draw of the fates of its N objects. Fates come in parts of whole worlds with all
+classes of objects. Results over all parts are built from sums by world, or by blocks of worlds, so
+they do not depend on the division into parts.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -29,13 +29,13 @@ class Stays:
     slot: Ints
     segment: Ints  # number in geo.coast.segments.Segments
     arrival: Ints  # [s after the run's start]
-    # [s after start] when it was afloat again; FOREVER while it lies there at the end of the run
+    # [s after start] end of the stay; FOREVER if the particle lies there at the end of the run
     leave: Ints
 
 
 @dataclass(frozen=True)
 class Adrift:
-    """Where particles are at the time of a find at sea: binary angles and status, (n,)."""
+    """Positions [binary angle] and statuses of particles at the time of a find at sea, (n,)."""
 
     lon: Ints
     lat: Ints
@@ -43,7 +43,7 @@ class Adrift:
 
 
 class Source(Protocol):
-    """The fates of all particles, part by part."""
+    """The fates of all particles, in parts of whole worlds."""
 
     @property
     def worlds(self) -> int:
@@ -54,42 +54,42 @@ class Source(Protocol):
         """Particles of each class in a world."""
 
     def parts(self) -> Iterable["Fates"]:
-        """Return the parts, of one world after another."""
+        """Return the parts, in the order of worlds."""
 
 
 @dataclass(frozen=True)
 class Fates:
-    """What became of the particles of some worlds, by slot, class after class; shape (n,).
+    """Fates of the particles of some worlds, by slot, class after class; shape (n,).
 
-    All of them are a Source.
+    The fates of all worlds are a Source.
     """
 
     worlds: int  # of the whole run
     world: Ints  # number in the whole run, ascending within a class
-    kind: Ints  # number of its class of objects
+    kind: Ints  # number of the class of objects
     release: Ints  # [s after start]
-    # [s after start] when it sank, left the domain or ran out of forcing; FOREVER otherwise
+    # [s after start] time of sinking, leaving the domain or end of forcing; FOREVER otherwise
     ended: Ints
     ending: Ints  # drift.engine.particles.status.Status at the end of the run
     stays: Stays
     adrift: Mapping[int, Adrift] = field(default_factory=dict)  # by number of the find at sea
-    # number of the first world and of the one after the last; None: all
+    # number of the first world of the part, and of the one after its last; None: all worlds
     some: tuple[int, int] | None = None
 
     @property
     def here(self) -> slice:
-        """Which worlds they are."""
+        """The range of worlds in this part."""
         first, last = self.some or (0, self.worlds)
         return slice(first, last)
 
     @property
     def many(self) -> int:
-        """Number of the worlds that are here."""
+        """Number of worlds in this part."""
         first, last = self.some or (0, self.worlds)
         return last - first
 
     def parts(self) -> Iterator["Fates"]:
-        """Yield all of them at once."""
+        """Yield these fates as the only part."""
         yield self
 
     @cached_property
@@ -99,7 +99,7 @@ class Fates:
 
     @cached_property
     def blocks(self) -> Blocks:
-        """The blocks by which sums over particles are made: whole worlds of a class."""
+        """The blocks over which sums over particles are made: whole worlds of a class."""
         ends = np.cumsum(self.counts)
         begins = (ends - self.counts) * self.worlds + np.multiply(self.counts, self.here.start)
         size = [max(count, 1) * partials.WORLDS for count in self.counts]
@@ -108,12 +108,12 @@ class Fates:
 
 @dataclass(frozen=True)
 class Realisation:
-    """One complete simulated spill for every world of some fates.
+    """One complete simulated spill for every world of a part.
 
-    In each world the sum of `stands`, with `destroyed` and `found`, is the number of objects.
+    In each world `destroyed`, `found` and the sum of `stands` add up to the number of objects.
     """
 
-    # (n,) how many objects each slot stands for; 0: not drawn, destroyed or already found
+    # (n,) number of objects that each slot represents; 0: not drawn, destroyed or already found
     stands: Ints
-    destroyed: Ints  # (worlds,) lost at once
-    found: Ints  # (worlds,) found and taken away
+    destroyed: Ints  # (worlds,) objects destroyed at once
+    found: Ints  # (worlds,) objects found and taken away

@@ -1,23 +1,23 @@
-"""What finds and patrols say about a spill: a likelihood for every world, and what follows from it.
+"""Likelihood of a spill's finds and patrols for every world, and the posterior of the worlds.
 
 With F of N objects found, L = N! / (N - F)! * product over finds of (1 - d) g * (1 - (1 - d) q)^(N
-- F): g is the density with which an object that was not destroyed is found there and then, q its
-probability of having been found by now, d the share destroyed at once. L is a product over classes.
-It is summed over N, over d, over the class of finds where that is unknown, and over which finds are
-not from this spill. g and q come from a world's particles and are noisy:
-drift.spills.worlds.shrinkage draws them toward those of other worlds.
+- F). Here d is the share destroyed at once, g the density with which an object that was not
+destroyed is found at the place and time of the find, and q its probability of having been found by
+now. L is a product over classes. It is summed over N, over d, over the class of finds where that is
+unknown, and over which finds are not from this spill. g and q are estimated from a world's
+particles and are noisy: drift.spills.worlds.shrinkage draws them toward those of other worlds.
 
-A find at sea enters by g alone, for nobody knows where else at sea people looked.
+A find at sea enters by g alone, because nobody knows where else at sea people looked.
 
-A find that is not from this spill with probability p has the density p / (1 - p) * B, where B is
-what true finds have on average before any find. On the coast the E_s finds that are expected on
-stretch s of length l_s and reporting rate h_s lie E_s / (l_s h_s) dense, which is sum(E_s^2 / (l_s
-h_s)) / sum(E_s) where a true find lies on average: B is that, times l_s h_s of the find's own
-stretch, evenly over the time since the first release. So it is of the coast that the spill comes
-to, and not of the domain: coast without any E_s, however long, leaves it as it is. By a patrol they
-are spread over its stretches as their length; at sea over an ellipse as wide as what is adrift,
-which is the same mean for a normal law. Without finds and without patrols L is 1: that nothing was
-found says nothing either.
+A find that is not from this spill with probability p gets the density p / (1 - p) * B, where B is
+the mean density of true finds before any find. On the coast, let E_s be the number of finds
+expected on stretch s, of length l_s and reporting rate h_s. Their density is E_s / (l_s h_s); its
+mean over true finds is sum(E_s^2 / (l_s h_s)) / sum(E_s). B is this mean times l_s h_s of the
+find's own stretch, uniform over the time since the first release. So B depends on the coast that
+the spill reaches, and not on the domain: coast without any E_s, however long, does not change it.
+Finds by a patrol are spread over its stretches in proportion to their length. Finds at sea are
+spread over an ellipse as wide as the particles adrift, which gives the same mean for a normal
+distribution. Without finds and patrols L is 1: then the absence of reports is no evidence.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -37,22 +37,22 @@ from geo import sphere
 from geo.array import Real
 from geo.errors import UserError
 
-Counts = tuple[int, ...]  # finds that are ours, by class
-Standing = Callable[[Fates], Real]  # how many objects each particle stands for, (n,)
-# The rows of a stretch, and how likely each is found there; and the stretches where any can be.
+Counts = tuple[int, ...]  # finds that are from this spill, by class
+Standing = Callable[[Fates], Real]  # number of objects that each particle represents, (n,)
+# A function of exposure and stretch: the stretch's rows, and each row's chance of the find; and the
+# stretches to which it applies.
 Law = tuple[Callable[[Exposure, int], tuple[slice, Real]], Sequence[int]]
 
-FAR = 6.0  # radii beyond which a find at sea has no weight
+FAR = 6.0  # [radii] a particle farther from a find at sea does not count
 SAMPLE = 2000  # particles from which the surprise of a find at sea is estimated
-TOGETHER = 256  # worlds whose numbers are summed over at a time
+TOGETHER = 256  # worlds in one batch of the sum over numbers of objects
 
 
 @dataclass(frozen=True)
 class AtSea:
-    """A place at sea [deg].
+    """A find's place at sea [deg].
 
-    radius: error of the position, one standard deviation of each component [m]. chance: of being
-    seen there.
+    radius: standard deviation of each component of the position [m]. chance: of being seen there.
     """
 
     lon: float
@@ -65,9 +65,9 @@ class AtSea:
 class Detection:
     """An object found.
 
-    kind: number of its class, None: unknown. place: number of its stretch, or at sea. time [s after
-    start]; latest: found at an unknown time not later than that. by: number of the patrol, None:
-    the public. false: probability that it is none of ours.
+    kind: number of its class, None: unknown. place: number of its stretch, or a place at sea. time
+    [s after start]; latest: found at an unknown time not later than that. by: number of the patrol,
+    None: the public. false: probability that it is not from this spill.
     """
 
     name: str
@@ -81,9 +81,7 @@ class Detection:
 
 @dataclass(frozen=True)
 class Numbers:
-    """The number of objects, their classes and the share destroyed at once, with prior
-    probabilities.
-    """
+    """Prior of the number of objects and of the share destroyed, and the shares of classes."""
 
     objects: npt.NDArray[np.int64]  # (m,)
     objects_prior: Real
@@ -93,9 +91,7 @@ class Numbers:
 
     @property
     def by_class(self) -> npt.NDArray[np.int64]:
-        """Objects of every class, (m, classes): whole numbers that add up, largest remainders
-        first.
-        """
+        """Objects of every class, (m, classes): integers that add up, by the largest remainders."""
         exact = self.objects[:, None] * self.shares
         whole = np.floor(exact + 1e-9).astype(np.int64)
         rank = np.argsort(np.argsort(whole - exact, axis=1, kind="stable"), axis=1, kind="stable")
@@ -104,7 +100,7 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Known:
-    """All that is known of a spill up to `now` [s after start]."""
+    """The evidence on a spill up to `now` [s after start]."""
 
     numbers: Numbers
     finds: tuple[Detection, ...]
@@ -112,18 +108,18 @@ class Known:
     reporting: Reporting
     length: Real  # (S,) of the stretches [m]
     now: float
-    usual: Real | None = None  # (finds,) B of each; None: of the worlds at hand, see usual()
+    usual: Real | None = None  # (finds,) B of each; None: computed from the worlds, see usual()
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Worlds weighed by finds, and their unknown numbers.
+    """Posterior weights of the worlds, and the posterior of their numbers of objects.
 
-    log_likelihood, weight: (W,). effective: number of worlds that count. objects, destroyed:
-    posteriors of the numbers' grids. counts: possible numbers of our finds by class; chosen: their
-    probabilities (len(counts), W). share: chance to have been found of every world and class, (W,
-    classes), drawn toward other worlds'. alien: probability that each find is none of ours, given
-    all, (finds,).
+    log_likelihood, weight: (W,). effective: effective sample size of the worlds. objects,
+    destroyed: posteriors of the numbers' grids. counts: possible numbers of finds from this spill,
+    by class; chosen: their probabilities, (len(counts), W). share: probability of having been
+    found, by world and class, (W, classes), drawn toward that of other worlds. alien: posterior
+    probability that each find is not from this spill, (finds,).
     """
 
     known: Known
@@ -140,11 +136,11 @@ class Posterior:
 
 @dataclass(frozen=True)
 class Surprise:
-    """How far a find was to be expected, given all before it.
+    """How probable a find was, given all evidence before it.
 
-    probability: that the next find turns up on this stretch (at sea: within its radius of this
-    place, if at sea). tail: that it turns up on a stretch (at a place) at most as probable as this.
-    A find with a small tail is odd.
+    probability: that the next find is on this stretch; at sea, that it is within its radius of this
+    place, if it is at sea. tail: that it is on a stretch (at a place) at most as probable as this
+    one. A find with a small tail is odd.
     """
 
     find: Detection
@@ -153,11 +149,12 @@ class Surprise:
 
 
 @dataclass(frozen=True)
-class _Said:
+class _WorldSums:
     """Sums over the particles of each class and world, of values and of their squares.
 
-    density: of being found as each find was, (finds, 2, classes, W). found: of having been found by
-    each of some times, (times, 2, classes, W). each: particles of a class in a world, (classes,).
+    density: density of being found as each find was, (finds, 2, classes, W). found: probability of
+    having been found by each of some times, (times, 2, classes, W). each: particles of a class in a
+    world, (classes,).
     """
 
     density: Real
@@ -167,13 +164,14 @@ class _Said:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """The finds' densities by class and world, logs (finds, classes, W); alien: of none of ours,
-    (finds,).
+    """Log densities of the finds by class and world, (finds, classes, W).
+
+    alien: log density of each find if it is not from this spill, (finds,).
     """
 
     density: Real
     alien: Real
-    alike: shrinkage.Likeness
+    similarity: shrinkage.Likeness
     prior: Real  # (W,) log weights of the worlds before any find, normalised
 
 
@@ -184,27 +182,44 @@ def posterior(
     log_weight: Real,
     member: npt.NDArray[np.int32] | None = None,
 ) -> Posterior:
-    """Return what finds and patrols say about every world.
+    """Return the posterior of the worlds given all finds and patrols.
 
-    latent: (W, k) unknowns of the worlds, any scale. log_weight: (W,) of the worlds before any
-    find. member: (W,) of an ensemble of winds and currents; None: there is none. Raises UserError
-    when there are more finds than objects.
+    Args:
+        fates: fates of all particles.
+        known: the finds, the patrols and the prior of the numbers of objects.
+        latent: unknowns of the worlds on any scale, (W, k).
+        log_weight: log weights of the worlds before any find, (W,).
+        member: members of an ensemble of winds and currents, (W,); None: no ensemble.
+
+    Returns:
+        Weights of the worlds, and the posterior of their numbers of objects.
+
+    Raises:
+        UserError: there are more finds than objects.
     """
-    said = _said(fates, known, [(known.now, False)])
-    evidence = _evidence(fates, known, said, latent, log_weight, member)
+    world_sums = _sums_by_world(fates, known, [(known.now, False)])
+    evidence = _evidence(fates, known, world_sums, latent, log_weight, member)
     if not known.finds and not known.patrols:
-        return _weigh(known, said, evidence, (), 0)
-    ours = tuple(k for k, find in enumerate(known.finds) if find.false < 1)
-    weighed, alien = _weigh(known, said, evidence, ours, 0), np.zeros(len(known.finds))
-    whole = special.logsumexp(evidence.prior + weighed.log_likelihood)
-    # Bayes, over the worlds: L without it, times its density as a false one
+        return _posterior_given(known, world_sums, evidence, (), 0)
+    possible = tuple(k for k, find in enumerate(known.finds) if find.false < 1)
+    weighed, alien = (
+        _posterior_given(known, world_sums, evidence, possible, 0),
+        np.zeros(len(known.finds)),
+    )
+    log_evidence = special.logsumexp(evidence.prior + weighed.log_likelihood)
+    # Bayes over the worlds: the likelihood without the find, times its density as a false find
     for k, find in enumerate(known.finds):
         if np.isfinite(evidence.alien[k]):
-            others = _weigh(
-                known, said, evidence, tuple(j for j in ours if j != k), 0
+            without_find = _posterior_given(
+                known, world_sums, evidence, tuple(j for j in possible if j != k), 0
             ).log_likelihood
             alien[k] = np.exp(
-                min(evidence.alien[k] + special.logsumexp(evidence.prior + others) - whole, 0.0)
+                min(
+                    evidence.alien[k]
+                    + special.logsumexp(evidence.prior + without_find)
+                    - log_evidence,
+                    0.0,
+                )
             )
         elif find.false >= 1:
             alien[k] = 1.0
@@ -212,29 +227,28 @@ def posterior(
 
 
 def found(part: Fates, known: Known) -> Real:
-    """Return the chance of each of some particles to have been found by now, (n,)."""
+    """Return the probability of each of some particles of having been found by now, (n,)."""
     if not known.finds and not known.patrols:
         return np.zeros(part.world.size)
     return exposure.found(exposure.expose(part, known.reporting, known.patrols), known.now)
 
 
 def usual(fates: Source, known: Known, log_weight: Real) -> Real:
-    """Return B of every find that may be false, (finds,): how densely finds of ours lie on average,
-    before any; else 0.
+    """Return B of each find that may be false, (finds,): the prior mean density of true finds.
 
-    log_weight: (W,) of the worlds before any find. What others leave on the shore does not change
-    when worlds are drawn again: it is computed once, from the worlds first drawn.
+    It is 0 for other finds. log_weight: (W,) of the worlds before any find. Finds of other origin
+    do not change when worlds are drawn again, so B is computed once, from the worlds of the first
+    round.
     """
     if not any(0 < find.false < 1 for find in known.finds):
         return np.zeros(len(known.finds))
-    return _usual(fates, known, _prior(fates, log_weight))
+    return _mean_densities(fates, known, _log_prior(fates, log_weight))
 
 
 def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0) -> float:
-    """Return the largest exponent in (0, 1] at which the likelihood leaves `least` effective
-    worlds: bisection.
+    """Return the largest exponent in (0, 1] that leaves `least` effective worlds, by bisection.
 
-    log_weight: of the worlds before. The exponent is tiny where even these leave fewer.
+    log_weight: of the worlds before the finds. If even these leave fewer, the exponent is tiny.
     """
 
     def enough(power: float) -> bool:
@@ -256,47 +270,53 @@ def surprises(
     log_weight: Real,
     member: npt.NDArray[np.int32] | None = None,
 ) -> tuple[Surprise, ...]:
-    """Return for every find, in order of time, how probable its place was before it.
+    """Return how probable the place of each find was given the evidence before it, by time.
 
-    What is given then are the finds and patrols before it.
+    Arguments are as for `posterior`.
     """
-    said = _said(fates, known, [(find.time, True) for find in known.finds])
-    evidence = _evidence(fates, known, said, latent, log_weight, member)
-    standing: dict[int, Standing] = {}
-    before: tuple[int, ...] = ()
+    world_sums = _sums_by_world(fates, known, [(find.time, True) for find in known.finds])
+    evidence = _evidence(fates, known, world_sums, latent, log_weight, member)
+    multiplicity: dict[int, Standing] = {}
+    earlier: tuple[int, ...] = ()
     for number in sorted(range(len(known.finds)), key=lambda k: known.finds[k].time):
-        standing[number] = _expected(
-            fates, known.finds[number].kind, _weigh(known, said, evidence, before, number)
+        multiplicity[number] = _posterior_multiplicity(
+            fates,
+            known.finds[number].kind,
+            _posterior_given(known, world_sums, evidence, earlier, number),
         )
         if known.finds[number].false < 1:
-            before = (*before, number)
-    ashore = [k for k in standing if not isinstance(known.finds[k].place, AtSea)]
-    rates = _ashore(fates, known, [(standing[k], _law(known, known.finds[k])) for k in ashore])
+            earlier = (*earlier, number)
+    ashore = [k for k in multiplicity if not isinstance(known.finds[k].place, AtSea)]
+    rates = _expected_by_stretch(
+        fates, known, [(multiplicity[k], _find_law(known, known.finds[k])) for k in ashore]
+    )
     rate, odds = dict(zip(ashore, rates, strict=True)), dict[int, tuple[float, float]]()
-    for k, of_each in standing.items():
+    for k, multiplicity_of_particles in multiplicity.items():
         place = known.finds[k].place
         odds[k] = (
-            _odds_at_sea(fates, k, place, of_each)
+            _surprise_at_sea(fates, k, place, multiplicity_of_particles)
             if isinstance(place, AtSea)
-            else _odds(rate[k], place)
+            else _surprise_ashore(rate[k], place)
         )
-    return tuple(Surprise(known.finds[k], *odds[k]) for k in standing)
+    return tuple(Surprise(known.finds[k], *odds[k]) for k in multiplicity)
 
 
-def _per_class(fates: Source, classes: int) -> npt.NDArray[np.int64]:
+def _particles_per_class(fates: Source, classes: int) -> npt.NDArray[np.int64]:
     return np.pad(fates.counts, (0, classes - len(fates.counts)))
 
 
-def _standing(fates: Source, numbers: Numbers, probability: Real) -> Real:
-    """Return how many objects each particle of a class stands for on average, (classes,)."""
+def _mean_multiplicity(fates: Source, numbers: Numbers, probability: Real) -> Real:
+    """Return the mean number of objects that a particle of each class represents, (classes,)."""
     return np.asarray(
-        probability @ numbers.by_class / np.maximum(_per_class(fates, numbers.shares.size), 1)
+        probability
+        @ numbers.by_class
+        / np.maximum(_particles_per_class(fates, numbers.shares.size), 1)
     )
 
 
-def _expected(fates: Source, kind: int | None, weighed: Posterior) -> Standing:
-    """Return how many objects of a class, or of all, each particle stands for."""
-    each = _standing(fates, weighed.known.numbers, weighed.objects)
+def _posterior_multiplicity(fates: Source, kind: int | None, weighed: Posterior) -> Standing:
+    """Return the expected number of objects (of a class or all) that each particle represents."""
+    each = _mean_multiplicity(fates, weighed.known.numbers, weighed.objects)
     if kind is not None:
         each = np.where(np.arange(each.size) == kind, each, 0.0)
     weight = weighed.weight
@@ -304,9 +324,7 @@ def _expected(fates: Source, kind: int | None, weighed: Posterior) -> Standing:
 
 
 def _by_world(part: Fates, slot: npt.NDArray[np.int32], value: Real, classes: int) -> Real:
-    """Return sums of values and of their squares by class and world, (2, classes, worlds that are
-    here).
-    """
+    """Return sums of values and of their squares, (2, classes, worlds of the part)."""
     cell = part.kind[slot] * part.many + (part.world[slot] - part.here.start)
     sums = [
         np.bincount(cell, values, classes * part.many).astype(float) for values in (value, value**2)
@@ -314,10 +332,10 @@ def _by_world(part: Fates, slot: npt.NDArray[np.int32], value: Real, classes: in
     return np.reshape(sums, (2, classes, part.many))
 
 
-def _said(fates: Source, known: Known, times: Sequence[tuple[float, bool]]) -> _Said:
-    """Return what the particles say of their worlds.
+def _sums_by_world(fates: Source, known: Known, times: Sequence[tuple[float, bool]]) -> _WorldSums:
+    """Return the sums over particles that the likelihood of each world needs.
 
-    times: by which they have been found, and whether without patrols at that very time.
+    times: by which particles have been found, and whether patrols at that very time are left out.
     """
     classes = known.numbers.shares.size
     density, by_then = (
@@ -327,74 +345,83 @@ def _said(fates: Source, known: Known, times: Sequence[tuple[float, bool]]) -> _
         exposed = exposure.expose(part, known.reporting, known.patrols)
         every = np.arange(part.world.size, dtype=np.int32)
         for k in range(len(known.finds)):
-            density[k, :, :, part.here] = _by_world(part, *_found_there(known, exposed, k), classes)
+            density[k, :, :, part.here] = _by_world(
+                part, *_find_densities(known, exposed, k), classes
+            )
         for k, (time, before) in enumerate(times):
             chance = exposure.found(exposed, time, before)
             by_then[k, :, :, part.here] = _by_world(part, every, chance, classes)
-    return _Said(density, by_then, _per_class(fates, classes))
+    return _WorldSums(density, by_then, _particles_per_class(fates, classes))
 
 
-def _ashore(fates: Source, known: Known, asked: Sequence[tuple[Standing, Law]]) -> list[Real]:
-    """Return how many objects are expected to be found on each stretch, (S,) for each that is
-    asked.
+def _expected_by_stretch(
+    fates: Source, known: Known, asked: Sequence[tuple[Standing, Law]]
+) -> list[Real]:
+    """Return the expected number of finds on each stretch, (S,), for each pair of `asked`.
 
-    asked: what particles stand for, and the law by which they are found.
+    asked: number of objects that each particle represents, and the law by which it is found.
     """
     tables: list[list[partials.Partial]] = [[] for _ in asked]
     for part in fates.parts() if asked else ():
         exposed = exposure.expose(part, known.reporting, known.patrols)
-        for (standing, (law, segments)), table in zip(asked, tables, strict=True):
+        for (multiplicity, (law, segments)), table in zip(asked, tables, strict=True):
             value = np.zeros(exposed.slot.size)
             for s in np.intersect1d(segments, exposed.touched):
                 rows, chance = law(exposed, int(s))
                 value[rows] = chance
-            value = standing(part)[exposed.slot] * value
+            value = multiplicity(part)[exposed.slot] * value
             sums = part.blocks.partial(
                 value, code=exposed.segment, many=known.length.size, slots=exposed.slot
             )
             table.append(sums)
-    return [partials.merged(table).total[:, 0] for table in tables]
+    return [partials.merge_partials(table).total[:, 0] for table in tables]
 
 
 def _evidence(
     fates: Source,
     known: Known,
-    said: _Said,
+    world_sums: _WorldSums,
     latent: Real,
     log_weight: Real,
     member: npt.NDArray[np.int32] | None = None,
 ) -> _Evidence:
     classes = known.numbers.shares.size
-    alike, prior = shrinkage.likeness(latent, member), _prior(fates, log_weight)
-    usually = known.usual if known.usual is not None else _usual(fates, known, prior)
+    similarity, prior = shrinkage.likeness(latent, member), _log_prior(fates, log_weight)
+    mean_density = known.usual if known.usual is not None else _mean_densities(fates, known, prior)
     density = np.full((len(known.finds), classes, fates.worlds), -np.inf)
     alien = np.full(len(known.finds), -np.inf)
     for k, find in enumerate(known.finds):
-        sums, squares = said.density[k]
+        sums, squares = world_sums.density[k]
         for c in range(classes) if find.kind is None else [find.kind]:
             density[k, c] = np.log(
-                shrinkage.rates(sums[c], squares[c], int(said.each[c]), alike, _full(known, find))
+                shrinkage.rates(
+                    sums[c],
+                    squares[c],
+                    int(world_sums.each[c]),
+                    similarity,
+                    _largest_density(known, find),
+                )
             )
         if 0 < find.false < 1:
-            alien[k] = special.logit(find.false) + np.log(usually[k])
-    return _Evidence(density, alien, alike, prior)
+            alien[k] = special.logit(find.false) + np.log(mean_density[k])
+    return _Evidence(density, alien, similarity, prior)
 
 
-def _found_there(
+def _find_densities(
     known: Known, exposed: Exposure, number: int
 ) -> tuple[npt.NDArray[np.int32], Real]:
-    """Return slots and their densities of being found as a find was."""
+    """Return slots, and their densities of being found in the way of a find."""
     find = known.finds[number]
     if isinstance(find.place, AtSea):
-        slot, distance = _around(exposed.fates.adrift[number], find.place)
+        slot, distance = _near(exposed.fates.adrift[number], find.place)
         area = 2 * np.pi * find.place.radius**2
         return slot, find.place.chance / area * np.exp(-0.5 * (distance / find.place.radius) ** 2)
-    rows, value = _law(known, find)[0](exposed, find.place)
+    rows, value = _find_law(known, find)[0](exposed, find.place)
     return exposed.slot[rows], value
 
 
-def _law(known: Known, find: Detection) -> Law:
-    """Return the law by which particles are found ashore as in a find."""
+def _find_law(known: Known, find: Detection) -> Law:
+    """Return the law by which particles ashore are found in the way of a find."""
     if find.by is not None:
         return partial(exposure.searched, patrol=find.by), known.patrols[find.by].segments
     if find.latest:
@@ -402,8 +429,8 @@ def _law(known: Known, find: Detection) -> Law:
     return partial(exposure.public, time=find.time), range(known.length.size)
 
 
-def _full(known: Known, find: Detection) -> float:
-    """Return the density with which an object is found that is in the very place at the very time."""
+def _largest_density(known: Known, find: Detection) -> float:
+    """Return the density of a find for an object that is at its place and time with certainty."""
     if isinstance(find.place, AtSea):
         return find.place.chance / (2 * np.pi * find.place.radius**2)
     if find.by is not None:
@@ -411,7 +438,7 @@ def _full(known: Known, find: Detection) -> float:
     return 1.0 if find.latest else max(float(known.reporting.rate[find.place]), 1e-300)
 
 
-def _around(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:
+def _near(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:
     """Return the slots adrift near a place at sea, and their distances from it [m]."""
     lat = np.radians(place.lat)
     reach = FAR * place.radius / sphere.RADIUS
@@ -428,68 +455,68 @@ def _around(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:
     return slot[kept], distance[kept]
 
 
-def _prior(fates: Source, log_weight: Real) -> Real:
-    """Return the log weights of the worlds before any find, normalised, (W,)."""
+def _log_prior(fates: Source, log_weight: Real) -> Real:
+    """Return the normalised log weights of the worlds before any find, (W,)."""
     shares = weights.shares(np.broadcast_to(np.asarray(log_weight, float), fates.worlds))
     return np.asarray(np.log(shares + 1e-300))
 
 
-def _usual(fates: Source, known: Known, prior: Real) -> Real:
-    """Return B of every find that may be false, (finds,), at least 1e-300; 0 of the others."""
+def _mean_densities(fates: Source, known: Known, prior: Real) -> Real:
+    """Return B of each find that may be false, (finds,), at least 1e-300; 0 for other finds."""
     doubtful = {k: find for k, find in enumerate(known.finds) if 0 < find.false < 1}
     density, numbers = np.zeros(len(known.finds)), known.numbers
     if not doubtful:
         return density
-    each, weight = _standing(fates, numbers, numbers.objects_prior), np.exp(prior)
-    left = 1 - numbers.destroyed_prior @ numbers.destroyed
+    each, weight = _mean_multiplicity(fates, numbers, numbers.objects_prior), np.exp(prior)
+    surviving = 1 - numbers.destroyed_prior @ numbers.destroyed
 
-    def standing(part: Fates) -> Real:
-        return np.asarray(each[part.kind] * weight[part.world] * left)
+    def multiplicity(part: Fates) -> Real:
+        return np.asarray(each[part.kind] * weight[part.world] * surviving)
 
-    begun = float(min(part.release.min() for part in fates.parts()))
-    patrols = {find.by: _law(known, find) for find in doubtful.values() if find.by is not None}
+    first_release = float(min(part.release.min() for part in fates.parts()))
+    patrols = {find.by: _find_law(known, find) for find in doubtful.values() if find.by is not None}
     all_reported: Law = partial(exposure.reported, until=known.now), range(known.length.size)
-    public, *by_patrol = _ashore(
-        fates, known, [(standing, law) for law in (all_reported, *patrols.values())]
+    public, *by_patrol = _expected_by_stretch(
+        fates, known, [(multiplicity, law) for law in (all_reported, *patrols.values())]
     )
     expected = dict(zip(patrols, by_patrol, strict=True))
     for k, find in doubtful.items():
         if isinstance(find.place, AtSea):
-            density[k] = _dense_at_sea(fates, k, find.place, standing)
+            density[k] = _density_at_sea(fates, k, find.place, multiplicity)
         elif find.by is not None:
             places = list(known.patrols[find.by].segments)
             share = known.length[find.place] / known.length[places].sum()
             density[k] = sum(expected[find.by][s] for s in places) * share
         else:
             there = float(known.length[find.place] * known.reporting.rate[find.place])
-            lasting = (find.time - begun) if find.latest else 1.0
-            density[k] = _dense(known, public) * there * lasting / max(known.now - begun, 1.0)
+            lasting = (find.time - first_release) if find.latest else 1.0
+            density[k] = (
+                _density_ashore(known, public)
+                * there
+                * lasting
+                / max(known.now - first_release, 1.0)
+            )
     return np.where([k in doubtful for k in range(density.size)], np.maximum(density, 1e-300), 0.0)
 
 
-def _dense(known: Known, expected: Real) -> float:
-    """Return how many public finds of ours there are by metre of coast and reporting rate where one
-    lies on average.
+def _density_ashore(known: Known, expected: Real) -> float:
+    """Return the mean density of public finds by metre of coast and reporting rate.
 
-    It is the mean over the finds expected (S,), not over the coast, of which there is as much as
-    the domain happens to hold.
+    The mean is over the expected finds (S,), not over the coast, whose length depends on the
+    domain.
     """
     there = expected > 0
     exposures = (known.length * known.reporting.rate)[there]
     return float((expected[there] ** 2 / exposures).sum() / max(expected.sum(), 1e-300))
 
 
-def _dense_at_sea(fates: Source, number: int, place: AtSea, standing: Standing) -> float:
-    """Return how many of ours are found by square metre of an even ellipse as wide as what is
-    adrift.
-    """
+def _density_at_sea(fates: Source, number: int, place: AtSea, multiplicity: Standing) -> float:
+    """Return the density of finds [1/m2] in a uniform ellipse as wide as the particles adrift."""
     lon, lat = np.radians(place.lon), np.radians(place.lat)
 
-    def there(part: Fates) -> tuple[npt.NDArray[np.intp], Real, Real, Real]:
-        """Return the slots of what is adrift, what each stands for, and where it is from the place
-        [m].
-        """
-        adrift, each = part.adrift[number], standing(part)
+    def adrift_near(part: Fates) -> tuple[npt.NDArray[np.intp], Real, Real, Real]:
+        """Return slots adrift, the objects each represents, and their offset from the place [m]."""
+        adrift, each = part.adrift[number], multiplicity(part)
         at = np.flatnonzero((adrift.status == Status.ADRIFT) & (each > 0))
         return (
             at,
@@ -499,36 +526,39 @@ def _dense_at_sea(fates: Source, number: int, place: AtSea, standing: Standing) 
 
     many, sums = 0, []
     for part in fates.parts():
-        at, weight, x, y = there(part)
+        at, weight, x, y = adrift_near(part)
         many += at.size
         sums.append(part.blocks.partial(weight, weight**2, weight * x, weight * y, slots=at))
     if many < 3:
         return 0.0
-    total, squares, east, north = partials.merged(sums).total[0]
+    total, squares, east, north = partials.merge_partials(sums).total[0]
     sums = []
     for part in fates.parts():
-        at, weight, x, y = there(part)
+        at, weight, x, y = adrift_near(part)
         x, y = x - east / total, y - north / total
         sums.append(
             part.blocks.partial(*(weight * a * b for b in (x, y) for a in (x, y)), slots=at)
         )
-    square = partials.merged(sums).total[0].reshape(2, 2)
+    square = partials.merge_partials(sums).total[0].reshape(2, 2)
     spread = square / (total - squares / total) + place.radius**2 * np.eye(2)  # as numpy.cov has it
     return float(place.chance * total / (4 * np.pi * np.sqrt(np.linalg.det(spread))))
 
 
-def _weigh(
-    known: Known, said: _Said, evidence: _Evidence, ours: tuple[int, ...], then: int
+def _posterior_given(
+    known: Known, world_sums: _WorldSums, evidence: _Evidence, ours: tuple[int, ...], then: int
 ) -> Posterior:
-    """Return the posterior given some of the finds, and what had been found by one of the times."""
+    """Return the posterior given some of the finds, and the chances of being found by a time.
+
+    ours: numbers of the finds; then: index of the time.
+    """
     numbers = known.numbers
     classes, worlds = numbers.shares.size, evidence.prior.size
-    mean, square = said.found[then] / np.maximum(said.each, 1)[:, None]
+    mean, square = world_sums.found[then] / np.maximum(world_sums.each, 1)[:, None]
     share = np.empty((worlds, classes))
     for c in range(classes):
         spread = np.maximum(square[c] - mean[c] ** 2, 0)
-        share[:, c] = shrinkage.share(mean[c], spread, int(said.each[c]), evidence.alike)
-    counted = _counted(evidence, ours, classes, worlds)
+        share[:, c] = shrinkage.share(mean[c], spread, int(world_sums.each[c]), evidence.similarity)
+    counted = _log_density_by_counts(evidence, ours, classes, worlds)
     size = np.full((len(counted), worlds), -np.inf)
     objects = np.full((worlds, numbers.objects.size), -np.inf)
     destroyed = np.full((worlds, numbers.destroyed.size), -np.inf)
@@ -549,7 +579,7 @@ def _weigh(
     with np.errstate(invalid="ignore"):
         chosen = np.nan_to_num(np.exp(size - log_likelihood), nan=0.0)
         objects, destroyed = (
-            partials.over_worlds(
+            partials.sum_over_worlds(
                 weight[:, None] * np.nan_to_num(np.exp(log - log_likelihood[:, None]))
             )
             for log in (objects, destroyed)
@@ -568,34 +598,37 @@ def _weigh(
     )
 
 
-def _counted(
+def _log_density_by_counts(
     evidence: _Evidence, ours: tuple[int, ...], classes: int, worlds: int
 ) -> dict[Counts, Real]:
-    """Return the log of the summed densities (W,) of all ways to have so many finds of each class."""
-    ways: dict[Counts, Real] = {(0,) * classes: np.zeros(worlds)}
+    """Return the log density of the finds for each number of true finds by class, (W,) each.
+
+    The densities are summed over all assignments of finds to classes, or to other origins.
+    """
+    by_counts: dict[Counts, Real] = {(0,) * classes: np.zeros(worlds)}
     for k in ours:
         ahead: dict[Counts, Real] = {}
 
         def add(counts: Counts, log: Real, ahead: dict[Counts, Real] = ahead) -> None:
             ahead[counts] = np.logaddexp(ahead[counts], log) if counts in ahead else log
 
-        for counts, log in ways.items():
+        for counts, log in by_counts.items():
             for c in np.flatnonzero(np.isfinite(evidence.density[k]).any(axis=1)):
                 more = (*counts[:c], counts[c] + 1, *counts[c + 1 :])
                 add(more, log + evidence.density[k, c])
             if np.isfinite(evidence.alien[k]):
                 add(counts, log + evidence.alien[k])
-        ways = ahead
-    return ways
+        by_counts = ahead
+    return by_counts
 
 
 def together(worlds: int) -> Iterator[slice]:
-    """Yield ranges of worlds: what is summed over their numbers takes up to 8 kB a world."""
+    """Yield ranges of worlds in batches: the sum over their numbers takes up to 8 kB a world."""
     return (slice(first, min(first + TOGETHER, worlds)) for first in range(0, worlds, TOGETHER))
 
 
 def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
-    """Return the log of prior times likelihood of so many finds of each class, without densities.
+    """Return the log of prior times likelihood of the numbers of finds by class, without densities.
 
     Its shape is (W, objects, destroyed). share: probability that an object of a class that was not
     destroyed has been found, (W, classes).
@@ -606,22 +639,20 @@ def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
     joint = np.repeat(joint[None], len(share), axis=0)
     for c, found in enumerate(counts):
         total = numbers.by_class[:, c, None]
-        lost = total < found
+        impossible = total < found
         remain = np.maximum(total - found, 0)
-        ways = (
+        log_ways = (
             special.gammaln(total + 1.0)
             - special.gammaln(remain + 1.0)
             + special.xlogy(found, np.exp(left))
         )
         unseen = np.log1p(-np.minimum((1 - numbers.destroyed) * share[:, c, None, None], 1 - 1e-15))
-        joint = joint + np.where(lost, -np.inf, ways) + remain * unseen
+        joint = joint + np.where(impossible, -np.inf, log_ways) + remain * unseen
     return np.asarray(joint)
 
 
 def remaining(weighed: Posterior) -> Real:
-    """Return the mean number of objects (W, classes) of each world that are neither destroyed nor
-    found.
-    """
+    """Return the mean number of objects of each world neither destroyed nor found, (W, classes)."""
     numbers, left = weighed.known.numbers, np.zeros_like(weighed.share)
     destroyed = numbers.destroyed
     for counts, chosen in zip(weighed.counts, weighed.chosen, strict=True):
@@ -639,47 +670,51 @@ def remaining(weighed: Posterior) -> Real:
     return left
 
 
-def _odds(rate: Real, place: int) -> tuple[float, float]:
-    """Return the probability of a find's stretch, and that of all at most as probable; rate: finds
-    expected, (S,).
+def _surprise_ashore(rate: Real, place: int) -> tuple[float, float]:
+    """Return the probability of a find's stretch, and that of all stretches at most as probable.
+
+    rate: expected finds, (S,).
     """
     if not rate.sum() > 0:
         return 0.0, 0.0
     rate = rate / rate.sum()
-    mine = rate[place]
-    return float(mine), float(rate[rate <= mine * (1 + 1e-9)].sum())
+    own = rate[place]
+    return float(own), float(rate[rate <= own * (1 + 1e-9)].sum())
 
 
-def _odds_at_sea(
-    fates: Source, number: int, place: AtSea, standing: Standing
+def _surprise_at_sea(
+    fates: Source, number: int, place: AtSea, multiplicity: Standing
 ) -> tuple[float, float]:
-    """Return the probability within a radius of a place, and that of particles where it is at most
-    as dense.
+    """Return the probability of a place at sea, and that of all places at most as probable.
+
+    The first is the probability within the find's radius of the place.
     """
 
-    def here(part: Fates) -> Real:
-        return np.where(part.adrift[number].status == Status.ADRIFT, standing(part), 0.0)
+    def adrift_weight(part: Fates) -> Real:
+        return np.where(part.adrift[number].status == Status.ADRIFT, multiplicity(part), 0.0)
 
-    sums = partials.merged([part.blocks.partial(here(part)) for part in fates.parts()])
+    sums = partials.merge_partials(
+        [part.blocks.partial(adrift_weight(part)) for part in fates.parts()]
+    )
     total = float(np.cumsum(sums.sums[:, 0, 0])[-1])
     if not total > 0:
         return 0.0, 0.0
-    goal = (np.arange(SAMPLE) + 0.5) / SAMPLE * total  # an even sample, by weight
-    lon, lat, of = np.zeros(SAMPLE), np.zeros(SAMPLE), np.full(SAMPLE, np.inf)
+    goal = (np.arange(SAMPLE) + 0.5) / SAMPLE * total  # a systematic sample by weight
+    lon, lat, block_of = np.zeros(SAMPLE), np.zeros(SAMPLE), np.full(SAMPLE, np.inf)
     for part in fates.parts():
-        running, adrift = part.blocks.running(here(part), sums), part.adrift[number]
+        running, adrift = part.blocks.running(adrift_weight(part), sums), part.adrift[number]
         for own, block in zip(part.blocks.spans, part.blocks.number, strict=True):
             at = np.searchsorted(running[own], goal)
-            # blocks don't come in the order of the whole run
-            first = (at < own.stop - own.start) & (block < of)
-            of[first] = block
+            # parts do not hold the blocks in the order of the whole run
+            first = (at < own.stop - own.start) & (block < block_of)
+            block_of[first] = block
             lon[first], lat[first] = (
                 values[own][at[first]] * sphere.UNIT for values in (adrift.lon, adrift.lat)
             )
     x, y = sphere.offset(np.radians(place.lon), np.radians(place.lat), lon, lat)
     radius = 2 * place.radius**2
-    mine = float(np.exp(-(x**2 + y**2) / radius).mean())
+    here = float(np.exp(-(x**2 + y**2) / radius).mean())
     dense = np.array(
         [np.exp(-((x - a) ** 2 + (y - b) ** 2) / radius).mean() for a, b in zip(x, y, strict=True)]
     )
-    return min(mine / 2, 1.0), float((dense - 1 / SAMPLE <= mine).mean())
+    return min(here / 2, 1.0), float((dense - 1 / SAMPLE <= here).mean())

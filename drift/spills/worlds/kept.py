@@ -1,4 +1,4 @@
-"""The fates of a run's particles, read from its files part by part."""
+"""Read the fates of a run's particles from its files, part by part."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,17 +14,18 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Kept:
-    """A drift.spills.worlds.fates.Source; it can be read as long as the files are there."""
+    """A Source of fates (drift.spills.worlds.fates), readable as long as the run's files exist."""
 
     snapshots: SnapshotStore
     worlds: int
     counts: tuple[int, ...]  # particles of each class in a world
     of_edge: Array  # the segment of every shoreline edge
-    at_sea: Mapping[int, int]  # number of the output at the time of each find at sea, by the find's
+    at_sea: Mapping[int, int]  # index of the output at the time of each find at sea, by find
 
     def parts(self) -> Iterator[Fates]:
-        """Yield the fates of one range of worlds after another, of drift.engine.motion.spool.PART
-        particles or a block of worlds.
+        """Yield the fates of consecutive ranges of worlds.
+
+        A range has about drift.engine.motion.spool.PART particles, or one block of worlds.
         """
         return map(self._part, self.snapshots.portions())
 

@@ -1,8 +1,8 @@
-"""Complete simulated spills of those not yet found: which of a world's particles are its objects.
+"""Complete simulated spills: choose the particles of a world that are its objects not yet found.
 
-A world's particles are exchangeable, so objects are drawn from them without replacement; those not
-found by now are drawn in proportion to the chance of not having been found. Where there are more
-objects than particles some stand for several.
+A world's particles are exchangeable, so objects are drawn from them without replacement, in
+proportion to the chance of not having been found by now. If a world has more objects than
+particles, some particles represent several objects.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,12 +23,21 @@ Ints = npt.NDArray[np.int64]
 def realise(
     fates: Source, posterior: Posterior, seed: int, count: int
 ) -> Iterator[tuple[Fates, list[Realisation]]]:
-    """Yield each part of the fates with so many complete spills.
+    """Draw `count` complete spills for each part of the fates, and yield them part by part.
 
-    In every world they have N objects, less those destroyed and found, on the world's particles.
+    In every world a spill puts its N objects, less those destroyed and found, on the world's
+    particles. Each spill is an unbiased draw; the spills use different particles as far as there
+    are enough. The result does not depend on the division into parts: each part takes its own range
+    of the random numbers.
 
-    Each is a fair draw. They use different particles as far as there are enough. No number of parts
-    changes a bit: each takes its own random numbers from the row of all.
+    Args:
+        fates: fates of all particles.
+        posterior: posterior of the worlds and of their numbers of objects.
+        seed: seed of the run.
+        count: number of spills for each world.
+
+    Returns:
+        Each part with its spills.
     """
     rng = noise.generator(seed, Purpose.REALISATIONS)
     numbers = posterior.known.numbers
@@ -37,16 +46,19 @@ def realise(
     found = np.zeros((count, fates.worlds), np.int32)
     afloat = np.zeros((count, fates.worlds, classes), np.int64)  # neither destroyed nor found
     for r in range(count):
-        left, share_lost, ours = _numbers(rng, numbers, posterior)
+        left, share_lost, ours = _draw_numbers(rng, numbers, posterior)
         lost = share_lost[:, None] / (
             1 - (1 - share_lost[:, None]) * np.minimum(posterior.share, 1 - 1e-15)
         )
         gone = rng.binomial(left, np.clip(lost, 0, 1))
         destroyed[r], found[r], afloat[r] = gone.sum(1), ours, left - gone
 
-    def dealt(part: Fates, begun: Mapping[int, np.random.Generator]) -> list[tuple[Array, int]]:
-        """Return what classes are dealt in a part; begun: the random numbers of each, as they begin
-        in all worlds.
+    def deal_part(
+        part: Fates, generators: Mapping[int, np.random.Generator]
+    ) -> list[tuple[Array, int]]:
+        """Return the objects dealt to each class of a part, with the number of rounds of each.
+
+        generators: generator of each class, at its start in all worlds.
         """
         unfound, ends = (
             1 - finds.found(part, posterior.known),
@@ -60,17 +72,16 @@ def realise(
                 part.here.start,
                 fates.worlds,
             )
-            for kind, own in begun.items()
+            for kind, own in generators.items()
         ]
 
-    begun = {0: rng}
+    generators = {0: rng}
     for kind, each in enumerate(fates.counts[:-1]):
-        # The next class begins where this one ends, which is known once it has been dealt in all
-        # worlds.
-        rounds = max(dealt(part, {kind: begun[kind]})[0][1] for part in fates.parts())
-        begun[kind + 1] = noise.later(begun[kind], (1 + rounds) * fates.worlds * each)
+        # The random numbers of the next class begin after those of this one in all worlds.
+        rounds = max(deal_part(part, {kind: generators[kind]})[0][1] for part in fates.parts())
+        generators[kind + 1] = noise.later(generators[kind], (1 + rounds) * fates.worlds * each)
     for part in fates.parts():
-        stands = np.concatenate([own for own, _ in dealt(part, begun)], axis=1)
+        stands = np.concatenate([own for own, _ in deal_part(part, generators)], axis=1)
         yield (
             part,
             [
@@ -80,13 +91,10 @@ def realise(
         )
 
 
-def _numbers(
+def _draw_numbers(
     rng: np.random.Generator, numbers: Numbers, posterior: Posterior
 ) -> tuple[Ints, Array, Ints]:
-    """Return of every world a draw of its objects not found, its share destroyed, and its finds.
-
-    Objects not found are by class, (W, classes).
-    """
+    """Draw every world's objects not found, by class (W, classes), share destroyed, and finds."""
     worlds = posterior.weight.size
     which = (
         np.cumsum(posterior.chosen, axis=0) < rng.random(worlds) * posterior.chosen.sum(0)
@@ -95,9 +103,9 @@ def _numbers(
     left = np.zeros((worlds, numbers.shares.size), np.int64)
     share_lost, ours = np.zeros(worlds), np.zeros(worlds, np.int64)
     for k in np.unique(which):
-        every = np.flatnonzero(which == k)
-        for own in together(every.size):
-            at = every[own]
+        worlds_of_counts = np.flatnonzero(which == k)
+        for own in together(worlds_of_counts.size):
+            at = worlds_of_counts[own]
             joint = joint_of(numbers, posterior.counts[k], posterior.share[at]).reshape(at.size, -1)
             peak = joint.max(1, keepdims=True)
             mass = np.cumsum(np.exp(joint - np.where(np.isfinite(peak), peak, 0.0)), axis=1)
@@ -106,7 +114,7 @@ def _numbers(
             )
             n, d = np.divmod(cell, numbers.destroyed.size)
             counts = np.array(posterior.counts[k])
-            # a world where the finds cannot be has no weight
+            # worlds with fewer objects than finds have no weight; avoid negative numbers
             taken = np.minimum(counts, numbers.by_class[n])
             left[at], share_lost[at], ours[at] = (
                 numbers.by_class[n] - taken,
@@ -119,18 +127,16 @@ def _numbers(
 def _deal(
     rng: np.random.Generator, chance: Array, wanted: Ints, first: int, worlds: int
 ) -> tuple[Array, int]:
-    """Return how many objects each particle stands for, (count, W * n), and in how many rounds they
-    are dealt.
+    """Return the number of objects on each particle, (count, W * n), and the number of rounds.
 
-    wanted: objects of each realisation and world, (count, W); particles get them in proportion.
-
-    Particles are passed in random order, round after round, and taken with their chance (W, n)
-    relative to the likeliest; every realisation goes on where the one before it ended. rng: as the
-    dealing in all worlds begins, of which there are `worlds` and these go on from number `first`.
+    wanted: objects of each spill and world, (count, W). Particles are visited in random order,
+    round after round, and accepted with their chance (W, n) relative to the largest; every spill
+    continues where the one before it ended. rng: generator at the start of the class in all
+    `worlds`, of which these begin with number `first`.
     """
 
     def draw(number: int) -> Array:
-        """Return the random numbers of a round."""
+        """Return the uniform random numbers of a round, (W, n)."""
         return np.asarray(
             noise.later(rng, (number * worlds + first) * chance.shape[1]).random(chance.shape)
         )
@@ -138,7 +144,7 @@ def _deal(
     count, rounds = len(wanted), 0
     order = np.argsort(draw(0), axis=1)
     top = chance.max(1, keepdims=True)
-    # where all are surely found, any will do
+    # where all particles have certainly been found, accept any
     accept = np.where(top > 0, chance / np.where(top > 0, top, 1.0), 1.0)
     accept = np.take_along_axis(accept, order, axis=1)
     end = np.cumsum(wanted, axis=0)

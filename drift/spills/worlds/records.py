@@ -1,8 +1,9 @@
-"""Records of a spill: many objects from one place, of one or several classes, and their unknowns.
+"""Records of a spill: many objects of one or several classes, released at one place.
 
-All is SI and UTC. What all objects of one spill share (release, bias of windage and current, share
-destroyed, sinking rate, readiness to report) is drawn once for each *world*; the objects are drawn
-within it. The probability model: drift.spills.worlds.worlds, drift.spills.worlds.finds.
+All values are SI and UTC. The unknowns that all objects of one spill share (release, bias of
+windage and current, share destroyed, sinking rate, reporting rate) are drawn once for each *world*;
+the objects are drawn within it. For the probability model see drift.spills.worlds.worlds and
+drift.spills.worlds.finds.
 """
 
 import math
@@ -14,16 +15,16 @@ from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.scenario import ReleasePrior
 
 DAY = 86_400.0  # [s]
-FEWEST_PARTICLES = 10  # least particles of a class in a world
+FEWEST_PARTICLES = 10  # fewest particles of a class in a world
 
 
 @dataclass(frozen=True)
 class Sinking:
-    """When objects sink: by a constant hazard, or a lognormal waterlogging time; log-uniform
-    between worlds.
+    """When objects sink: with a constant hazard, or after a lognormal waterlogging time.
 
-    time: half-life of the hazard, or median waterlogging time [s], lowest and highest; spread:
-    geometric standard deviation of the waterlogging time within a world, 0 for a hazard.
+    time: half-life of the hazard, or median waterlogging time [s], lowest and highest; log-uniform
+    between worlds. spread: geometric standard deviation of the waterlogging time within a world, 0
+    for a hazard.
     """
 
     time: tuple[float, float]
@@ -43,22 +44,20 @@ class Kind:
 
 @dataclass(frozen=True)
 class Reporting:
-    """How soon people report an object lying ashore [1/s], by kind of shore.
+    """Rates [1/s] at which people report an object lying ashore, by kind of shore.
 
-    It also says how soon an object is buried or taken away.
+    removal: rate at which an object is buried or taken away without a report.
     """
 
     rate: dict[str, float]
     removal: float  # [1/s]
-    coast: str  # kind of all stretches that the user's file does not name
-    until: np.datetime64 | None  # up to when all finds are known; None: up to the last one
+    coast: str  # kind of shore of all stretches that the user's file does not name
+    until: np.datetime64 | None  # time up to which all finds are known; None: the last find
 
 
 @dataclass(frozen=True)
 class Find:
-    """An object found: where (a stretch by name, or a place [deg]), when, by whom, how surely one
-    of ours.
-    """
+    """An object found: place (a stretch by name, or a position [deg]), time, and who found it."""
 
     name: str
     time: np.datetime64
@@ -66,22 +65,20 @@ class Find:
     stretch: str | None
     lon: float  # [deg], NaN with a stretch
     lat: float
-    radius: float  # [m] of the position's error; at sea
+    radius: float  # [m] standard deviation of each component of the position; at sea
     at_sea: bool
     kind: str | None
     by: str | None  # a patrol's name; None: the public
-    false: float  # probability that it is none of ours
+    false: float  # probability that it is not from this spill
 
 
 @dataclass(frozen=True)
 class Patrol:
-    """A search of stretches of the beach: at a time it finds each object lying there with a
-    probability.
-    """
+    """A beach patrol: it finds each object lying on its stretches with a probability."""
 
     name: str
     stretches: tuple[str, ...]
-    # (lon, lat) [deg] of the piece walked
+    # (lon, lat) [deg] of both ends of the line walked
     ends: tuple[tuple[float, float], tuple[float, float]] | None
     time: np.datetime64
     detection: float
@@ -89,11 +86,11 @@ class Patrol:
 
 @dataclass(frozen=True)
 class Team:
-    """People who can patrol a length of shore once a day.
+    """A team that can patrol a length of shore once a day.
 
-    Its fields say when, with what detection, and which stretches they can reach: those named; or
-    those whose middle is within `reach` of their base over land; or, without either, all. Unless
-    they cross water, all their patrols lie on one land mass.
+    The stretches within its reach are those named, or those whose middle is within `reach` of its
+    base over land, or, without either, all. Unless it crosses water, all its patrols lie on one
+    land mass.
     """
 
     name: str
@@ -102,28 +99,28 @@ class Team:
     times: tuple[np.datetime64, ...]  # times of its patrols
     stretches: tuple[str, ...] = ()
     base: tuple[float, float] | None = None  # (lon, lat) [deg]
-    reach: float = math.inf  # [m] over land; where they cross water, straight
+    reach: float = math.inf  # [m] over land; in a straight line if they cross water
     crosses_water: bool = False
 
 
 @dataclass(frozen=True)
 class Spill:
-    """A spill: its objects, the worlds that it is drawn in, and what has been found of it."""
+    """A spill: its objects, the prior of its worlds, and its finds and patrols."""
 
-    objects: tuple[int, int]  # number, lowest and highest; equally likely between
+    objects: tuple[int, int]  # lowest and highest number; uniform between
     kinds: tuple[Kind, ...]
     prior: ReleasePrior  # prior of a world's release
     release_std: float  # [m] standard deviation of an object's release about its world's
-    release_duration: float  # [s] over which the objects of a world go adrift
+    release_duration: float  # [s] time over which the objects of a world go adrift
     worlds: int
     per_world: int  # particles
     destroyed: tuple[float, float]  # share lost at once, uniform between
     windage_bias: float  # standard deviation of the logarithm of a factor on all leeway
-    current_bias: float  # [m/s] standard deviation of an error of the current, a component
+    current_bias: float  # [m/s] standard deviation of each component of the current's error
     reporting_bias: float  # standard deviation of the logarithm of a factor on all reporting rates
-    redraws: int  # times that worlds may be drawn again where the finds leave too few
+    redraws: int  # how often worlds may be drawn again if too few are effective after the finds
     stretch: float  # [m] length of a stretch of coast
-    stretches: str | None  # file of named ones
+    stretches: str | None  # file of named stretches
     reporting: Reporting
     finds: tuple[Find, ...]
     patrols: tuple[Patrol, ...]
@@ -132,9 +129,9 @@ class Spill:
     counts: tuple[int, ...] | None = None
     bridges: tuple[
         tuple[tuple[float, float], tuple[float, float]], ...
-    ] = ()  # ends (lon, lat) [deg] of what joins land
+    ] = ()  # ends (lon, lat) [deg] of bridges that join land masses
 
     @property
     def particles(self) -> int:
-        """Particles of all worlds."""
+        """Number of particles of all worlds."""
         return self.worlds * self.per_world

@@ -1,9 +1,7 @@
-"""The objects of a spill: each world's particles, drawn about that world's release.
+"""Draw the particles of each world about that world's release, with that world's unknowns.
 
-They move as that world's unknowns say.
-
-Every class of objects has a range of slots, world after world; a slot's world stands in the
-ensemble's column.
+Every class of objects has a range of slots, world after world. The ensemble's column `world` holds
+the world of each slot.
 """
 
 import numpy as np
@@ -26,9 +24,9 @@ from kernels.step.coast import DeviceCoast
 
 
 def per_world(spill: Spill) -> tuple[int, ...]:
-    """Return the particles of each class in a world.
+    """Return the number of particles of each class in a world.
 
-    They are in proportion to its share, at least a hundredth of all and about ten.
+    It is in proportion to the share of the class, at least a hundredth of all and about ten.
     """
     if spill.counts is not None:
         return spill.counts
@@ -40,12 +38,10 @@ def per_world(spill: Spill) -> tuple[int, ...]:
 
 
 def layout(spill: Spill, first: int = 0, last: int | None = None) -> Layout:
-    """Return which slots belong to which class, of the worlds from number `first` to before `last`;
-    by default of all.
-    """
+    """Return the slots of each class for the worlds `first` to before `last`; by default all."""
     counts = np.array(per_world(spill))
-    many = (spill.worlds if last is None else last) - first
-    bounds = (0, *(int(n) for n in np.cumsum(counts) * many))
+    worlds = (spill.worlds if last is None else last) - first
+    bounds = (0, *(int(n) for n in np.cumsum(counts) * worlds))
     numbers = tuple(int(n) for n in (np.cumsum(counts) - counts) * spill.worlds + counts * first)
     return Layout(bounds, numbers, tuple(int(n) for n in counts * partials.WORLDS))
 
@@ -53,9 +49,21 @@ def layout(spill: Spill, first: int = 0, last: int | None = None) -> Layout:
 def draw_release(
     spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: DeviceCoast, seed: int
 ) -> Ensemble:
-    """Return the ensemble of a spill's worlds, each class of equal weight within.
+    """Draw the ensemble of a spill's worlds; particles of a class have equal weights.
 
-    Raises UserError when objects scattered about a release find no water.
+    Args:
+        spill: the spill.
+        worlds: its worlds.
+        period: period of the run.
+        errors: error laws of wind and current.
+        coast: the coast on the device.
+        seed: seed of the run.
+
+    Returns:
+        The ensemble.
+
+    Raises:
+        UserError: too many objects scattered about a release found no water.
     """
     ensemble, dry = drawn(spill, worlds, period, errors, coast, seed)
     check(spill, dry)
@@ -63,8 +71,9 @@ def draw_release(
 
 
 def check(spill: Spill, dry: Array) -> None:
-    """Refuse a spill whose objects find no water; dry: how many of each class did not, of all
-    worlds, (classes,).
+    """Raise UserError if too many objects found no water.
+
+    dry: number of objects of each class that found none, of all worlds, (classes,).
     """
     for failed, count in zip(dry.tolist(), per_world(spill), strict=True):
         if failed > 0.01 * count * spill.worlds:
@@ -83,10 +92,9 @@ def drawn(
     seed: int,
     own: Layout | None = None,
 ) -> tuple[Ensemble, Array]:
-    """Return the ensemble of some worlds, and how many objects of each class found no water, int64
-    (classes,).
+    """Draw the ensemble of some worlds, and count the objects that found no water, (classes,).
 
-    own: which slots belong to which class, of these worlds alone; by default of all worlds.
+    own: slots of each class for these worlds only; by default for all worlds.
     """
     counts, own = per_world(spill), own or layout(spill)
     ensemble, key, dry = (
@@ -94,7 +102,7 @@ def drawn(
         noise.key(seed),
         np.zeros(len(counts), np.int64),
     )
-    where = [
+    releases = [
         runtime.upload(x.astype(np.int32))
         for x in (worlds.lon, worlds.lat, worlds.release - period.epoch)
     ]
@@ -107,7 +115,6 @@ def drawn(
         kernel.draw_objects(
             True,
             *slots,
-            slots.number,
             count,
             ensemble.lon,
             ensemble.lat,
@@ -115,7 +122,7 @@ def drawn(
             ensemble.world,
             tries,
             *key,
-            *where,
+            *releases,
             spill.release_std,
             spill.release_duration,
             coast.pack,
@@ -143,28 +150,26 @@ def drawn(
         with np.errstate(divide="ignore"):
             log_weight[slots.first : slots.last] = np.log(kind.share) - np.log(count * spill.worlds)
     belong(ensemble, worlds)
-    # Until here a slot's world is its number among those that are here.
+    # So far `world` counted from the first of these worlds; make it the number in the whole run.
     ensemble.world.from_numpy(ensemble.world.to_numpy() + np.int32(own.numbers[0] // counts[0]))
     ensemble.log_weight.from_numpy(log_weight)
     return ensemble, dry
 
 
 def columns(worlds: Worlds) -> tuple[Column, ...]:
-    """Return the columns that the particles of worlds have besides the core."""
+    """Return the columns of the particles of worlds besides the core columns."""
     return drift.COLUMNS if worlds.member is None else (*drift.COLUMNS, members.COLUMN)
 
 
 def belong(ensemble: Ensemble, worlds: Worlds) -> None:
-    """Give every particle what its world has: the error of the current, and its member of an
-    ensemble.
-    """
+    """Copy its world's values to every particle: the current's error and the ensemble member."""
     share(ensemble, worlds.current_east, worlds.current_north)
     if worlds.member is not None:
         ensemble.own[members.COLUMN.name].from_numpy(worlds.member[ensemble.world.to_numpy()])
 
 
 def share(ensemble: Ensemble, east: Real, north: Real) -> None:
-    """Give every particle the error of the current that its world has drawn [m/s], shape (worlds,)."""
+    """Copy the current's error of its world [m/s], (worlds,), to every particle."""
     world = ensemble.world.to_numpy()
     ensemble.own["current_bias_east"].from_numpy(east.astype(np.float32)[world])
     ensemble.own["current_bias_north"].from_numpy(north.astype(np.float32)[world])

@@ -1,8 +1,7 @@
-"""Where and when a world's release is, for each kind of prior.
+"""Place and time of a world's release as a function of latents, for each kind of prior.
 
-It is a function of latents, which are independent standard normals.
-
-A new kind of prior has its law here. Works on NumPy float64.
+Latents are independent standard normals. A new kind of prior needs its law here. Works on NumPy
+float64.
 """
 
 import math
@@ -20,17 +19,18 @@ from drift.engine.motion.scenario import AreaPrior, PositionPrior, ReleasePrior,
 from geo import notation, sphere
 from geo.array import Real
 
-PIECE = 20_000.0  # [m] of a great-circle leg with one course
+PIECE = 20_000.0  # [m] piece of a great-circle leg that counts as straight
 
-Latents = Callable[[str], Real]  # latents of all worlds by name, (w,); 0 where there are none
-# lon, lat [rad] and whether that is possible, (w,) each
+Latents = Callable[[str], Real]  # latents of all worlds by name, (w,); 0 for unknown names
+# lon, lat [rad] and whether they are possible, (w,) each
 Places = tuple[Real, Real, npt.NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
 class Law:
-    """How latents become releases; only what is uncertain has a latent. time: [s since 1970], (w,)
-    int64.
+    """Mapping from latents to releases; only uncertain quantities have a latent.
+
+    time: [s since 1970], (w,) int64.
     """
 
     names: tuple[str, ...]  # names of the latents
@@ -39,7 +39,7 @@ class Law:
 
 
 def law(prior: ReleasePrior) -> Law:
-    """Return the law of the releases of worlds."""
+    """Return the law of the worlds' releases for a prior."""
     of_kind: Callable[[Any], Law] = LAWS[type(prior)]
     return of_kind(prior)
 
@@ -69,45 +69,49 @@ LAWS: dict[type, Callable[[Any], Law]] = {
 }
 
 
-def _about(prior: PositionPrior, of: Latents) -> Places:
-    along, across = prior.major * of("release_x"), prior.minor * of("release_y")
+def _about(prior: PositionPrior, latent: Latents) -> Places:
+    along, across = prior.major * latent("release_x"), prior.minor * latent("release_y")
     s, c = math.sin(prior.orientation), math.cos(prior.orientation)
     lon, lat = sphere.destination(
         prior.lon, prior.lat, along * s + across * c, along * c - across * s
     )
     if prior.displacement:
         (near, far), (begin, end) = prior.displacement.distance, prior.displacement.direction
-        length = near + (far - near) * special.ndtr(of("displacement"))
-        bearing = begin + (end - begin) * special.ndtr(of("displacement_direction"))
+        length = near + (far - near) * special.ndtr(latent("displacement"))
+        bearing = begin + (end - begin) * special.ndtr(latent("displacement_direction"))
         lon, lat = sphere.destination(lon, lat, length * np.sin(bearing), length * np.cos(bearing))
     return lon, lat, np.ones(len(lon), bool)
 
 
-def _inside(prior: AreaPrior, of: Latents) -> Places:
+def _inside(prior: AreaPrior, latent: Latents) -> Places:
     shape = shapely.Polygon(np.column_stack([prior.lon, prior.lat]))
     west, south, east, north = shape.bounds
-    lon = west + (east - west) * special.ndtr(of("release_x"))
-    # Uniform in true area.
-    lat = np.arcsin(np.sin(south) + (np.sin(north) - np.sin(south)) * special.ndtr(of("release_y")))
+    lon = west + (east - west) * special.ndtr(latent("release_x"))
+    # Uniform by area on the sphere.
+    lat = np.arcsin(
+        np.sin(south) + (np.sin(north) - np.sin(south)) * special.ndtr(latent("release_y"))
+    )
     return lon, lat, shapely.contains_xy(shape, lon, lat)
 
 
-def _on_track(prior: TracklinePrior, of: Latents) -> Places:
+def _on_track(prior: TracklinePrior, latent: Latents) -> Places:
     x, y = sphere.track(prior.lon, prior.lat, PIECE)
     east, north = sphere.offset(x[:-1], y[:-1], x[1:], y[1:])
     length = np.hypot(east, north)
-    done = np.concatenate([[0.0], np.cumsum(length)])
-    way = _share(prior, of) * done[-1]
-    piece = np.clip(np.searchsorted(done, way, side="right") - 1, 0, length.size - 1)
+    cumulative = np.concatenate([[0.0], np.cumsum(length)])
+    distance_made = _share(prior, latent) * cumulative[-1]
+    piece = np.clip(
+        np.searchsorted(cumulative, distance_made, side="right") - 1, 0, length.size - 1
+    )
     e, n = east[piece] / length[piece], north[piece] / length[piece]
-    along, off = way - done[piece], prior.cross_track * of("cross_track")
+    along, off = distance_made - cumulative[piece], prior.cross_track * latent("cross_track")
     lon, lat = sphere.destination(x[piece], y[piece], along * e + off * n, along * n - off * e)
     return lon, lat, np.ones(len(lon), bool)
 
 
-def _share(prior: TracklinePrior, of: Latents) -> Real:
-    """Return the share of the voyage done."""
-    u, low, high = special.ndtr(of("voyage")), prior.low, prior.high
+def _share(prior: TracklinePrior, latent: Latents) -> Real:
+    """Return the share of the voyage that is completed at the release, (w,)."""
+    u, low, high = special.ndtr(latent("voyage")), prior.low, prior.high
     if prior.mode is None:
         return np.asarray(low + (high - low) * u)
     peak = (prior.mode - low) / (high - low)
@@ -119,16 +123,16 @@ def _unsure_time(prior: PositionPrior | AreaPrior) -> tuple[str, ...]:
     return ("release_time",) if prior.release_end > prior.release_start else ()
 
 
-def _within_window(prior: PositionPrior | AreaPrior, of: Latents) -> npt.NDArray[np.int64]:
-    return _between(prior.release_start, prior.release_end, special.ndtr(of("release_time")))
+def _within_window(prior: PositionPrior | AreaPrior, latent: Latents) -> npt.NDArray[np.int64]:
+    return _between(prior.release_start, prior.release_end, special.ndtr(latent("release_time")))
 
 
-def _on_voyage(prior: TracklinePrior, of: Latents) -> npt.NDArray[np.int64]:
-    return _between(prior.departure, prior.arrival, _share(prior, of))
+def _on_voyage(prior: TracklinePrior, latent: Latents) -> npt.NDArray[np.int64]:
+    return _between(prior.departure, prior.arrival, _share(prior, latent))
 
 
 def _between(begin: np.datetime64, end: np.datetime64, share: Real) -> npt.NDArray[np.int64]:
-    """Return times [s since 1970] by the share of a span of time that is over."""
+    """Return times [s since 1970] by the elapsed share of a time span, (w,)."""
     return notation.epoch(begin) + np.rint(
         share * float((end - begin) / np.timedelta64(1, "s"))
     ).astype(np.int64)

@@ -1,9 +1,8 @@
-"""After a spill's drift: its fates, what the finds say about its worlds, and the washup that
-follows.
+"""Results of a spill after the drift: fates, posterior of the worlds given the finds, and washup.
 
-Where the finds leave too few worlds that count, worlds are drawn again about those that do and the
-drift is run again: this is population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803).
-The finds are tempered while worlds are chosen, never in the result.
+If the finds leave too few effective worlds, worlds are drawn again around those with weight, and
+the drift is run again: population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803). The
+likelihood of the finds is tempered for the proposal of these worlds, never in the result.
 """
 
 from collections.abc import Callable, Iterator
@@ -40,23 +39,20 @@ from geo.coast.segments import Segments
 
 FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn again
 NARROWING = (
-    # a renewal narrows by this: its proposal is tempered so that so many times fewer worlds count
-    # than drawn
+    # worlds drawn over effective worlds of the tempered proposal: how far one round may narrow it
     20.0
 )
 ENOUGH = 10.0  # least effective worlds per latent from which a proposal is made
 WORST = 10  # stretches in the summary
-# objects, least expected on a stretch that is ranked by its number per km in the summary: a rock
-# with few is none
+# [objects] least expected number of a stretch that the summary ranks by number per km; it leaves out
+# short stretches with next to nothing
 SOME = 0.1
-REALISATIONS = 4  # most complete spills that are drawn in every world
+REALISATIONS = 4  # most complete spills for each world
 
 
 @dataclass(frozen=True)
 class Drifted:
-    """A finished run: the particles at its outputs and its end, with the stays on the shore that it
-    has taken down.
-    """
+    """A finished run: the particles at its outputs and its end, with their stays on the shore."""
 
     seed: int
     snapshots: SnapshotStore
@@ -70,7 +66,7 @@ class Aftermath:
     period: Period
     spill: Spill
     segments: Segments
-    fates: Source  # they can be read as long as the run's files are open
+    fates: Source  # readable as long as the run's files are open
     worlds: Worlds
     prior: Worlds  # worlds of the first round
     posterior: finds.Posterior
@@ -80,8 +76,10 @@ class Aftermath:
 
 
 def stretches(period: Period, spill: Spill, coast: Coast, drawn: Worlds) -> Segments:
-    """Return the stretches of coast of a spill's figures; raise UserError for finds and patrols
-    that cannot be.
+    """Return the stretches of coast for a spill's figures.
+
+    Raises:
+        UserError: a find, a patrol or the file of stretches is wrong.
     """
     segments = evidence.cut_stretches(spill, coast)
     evidence.build_evidence(period, spill, segments, coast, drawn)
@@ -96,11 +94,19 @@ def settle(
     first: Drifted,
     renew: Callable[[Proposal, int], Drifted],
 ) -> tuple[Drifted, Aftermath]:
-    """Return the run of which the finds leave enough worlds, weighted by the finds, and its
-    aftermath.
+    """Return the run whose worlds are effective enough given the finds, and its results.
 
-    renew: draws worlds again from a proposal and moves their objects through the run; it takes the
-    number of the renewal too, from 1.
+    Args:
+        period: period of the run.
+        spill: the spill.
+        coast: the coast of its domain.
+        segments: stretches of the coast.
+        first: the run with worlds from the prior.
+        renew: draws worlds from a proposal and runs their objects; it also takes the number of the
+            round, from 1.
+
+    Returns:
+        The last run, weighted by the finds, and the results.
     """
     assert first.worlds is not None
     drifted, drawn, rounds, usual = first, first.worlds, [0.0], None
@@ -117,12 +123,16 @@ def settle(
             or not (known.finds or known.patrols)
         ):
             break
-        least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
-        # The exponent leads from where these worlds were drawn (0) to where the finds put them (1),
-        # never back to the prior.
-        aim = posterior.log_likelihood + drawn.log_weight
-        about = worlds.around(drawn, weights.shares(finds.tempered(aim, least) * aim))
-        drifted = renew(about, len(rounds))
+        effective_wanted = min(
+            max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4
+        )
+        # The exponent interpolates from the density that the worlds were drawn from (0) to the
+        # posterior (1), so it never leads back to the prior.
+        log_target = posterior.log_likelihood + drawn.log_weight
+        proposal = worlds.around(
+            drawn, weights.shares(finds.tempered(log_target, effective_wanted) * log_target)
+        )
+        drifted = renew(proposal, len(rounds))
         assert drifted.worlds is not None
         drawn = drifted.worlds
         rounds.append(0.0)
@@ -154,9 +164,7 @@ def settle(
 def kept(
     period: Period, spill: Spill, snapshots: SnapshotStore, segments: Segments, known: finds.Known
 ) -> Kept:
-    """Return what became of every particle by the end of the run, and where it was at the times of
-    finds at sea.
-    """
+    """Return the particles' fates at the end of the run, and positions at finds at sea."""
     times = _outputs(period, snapshots).tolist()
     at_sea = {
         k: times.index(find.time)
@@ -167,30 +175,33 @@ def kept(
 
 
 def _log_weights(fates: Source, posterior: finds.Posterior) -> Iterator[Array]:
-    """Yield the log weights of what is left, part by part; the largest is 0.
+    """Yield the log weights of the particles given the finds, part by part; the largest is 0.
 
     A world's weight is shared among its particles: by class in proportion to the objects still to
     be found, and within a class in proportion to each particle's chance of not having been found.
     """
-    left = finds.remaining(posterior)
-    # if all are found, the map shows where they could have been
-    if not (left * posterior.weight[:, None]).any():
-        left = np.ones_like(left)
+    objects_left = finds.remaining(posterior)
+    # if all objects are found, the map shows where they could have been
+    if not (objects_left * posterior.weight[:, None]).any():
+        objects_left = np.ones_like(objects_left)
     shared, largest = unfound(fates, posterior.known)
     with np.errstate(divide="ignore"):
-        each = np.log(posterior.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300))
-    top = (each + np.log(np.maximum(largest, 1e-300))).max()
+        log_weight_of_class = (
+            np.log(posterior.weight)[:, None]
+            + np.log(objects_left)
+            - np.log(np.maximum(shared, 1e-300))
+        )
+    top = (log_weight_of_class + np.log(np.maximum(largest, 1e-300))).max()
     for part in fates.parts():
         chance = 1 - finds.found(part, posterior.known)
-        log_weight = each[part.world, part.kind] + np.log(np.maximum(chance, 1e-300))
+        log_weight = log_weight_of_class[part.world, part.kind] + np.log(np.maximum(chance, 1e-300))
         yield (log_weight - top).astype(np.float32)
 
 
 def unfound(fates: Source, known: finds.Known) -> tuple[Real, Real]:
-    """Return the sum of the chances of not having been found of a world's particles of a class, and
-    the largest.
+    """Return the sum and the maximum of particles' chances of not being found, (W, classes) each.
 
-    Both are (W, classes).
+    They are over the particles of a class in a world.
     """
     shared, largest = (np.zeros((fates.worlds, len(fates.counts))) for _ in range(2))
     for part in fates.parts():
@@ -205,17 +216,17 @@ def unfound(fates: Source, known: finds.Known) -> tuple[Real, Real]:
 
 
 def _outputs(period: Period, snapshots: SnapshotStore) -> npt.NDArray[np.int64]:
-    """Return the times of outputs [s since start]."""
+    """Return the output times [s since start]."""
     return period.seconds(snapshots.time(k) for k in range(len(snapshots)))
 
 
 def spills(spill: Spill) -> int:
-    """Return how many complete spills are drawn in every world."""
+    """Return the number of complete spills drawn for each world."""
     return int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
 
 
 def unknown(after: Aftermath) -> dict[str, Any]:
-    """Return the unknowns of a spill, before and after the finds; see drift.spills.worlds.unknowns."""
+    """Return the unknowns before and after the finds (drift.spills.worlds.unknowns)."""
     kinds = [kind.name for kind in after.spill.kinds]
     return unknowns.unknowns_table(
         after.worlds, after.prior, after.posterior, after.period.start, kinds
@@ -223,7 +234,7 @@ def unknown(after: Aftermath) -> dict[str, Any]:
 
 
 def summary_of_spill(after: Aftermath) -> dict[str, Any]:
-    """Return the numbers of a spill for the summary."""
+    """Return the figures of a spill for summary.json."""
     data, spill = after.washup, after.spill
     end = data.isel(time=-1)
     columns = washup_tables.records(data)
@@ -263,20 +274,17 @@ def summary_of_spill(after: Aftermath) -> dict[str, Any]:
 
 
 def told(after: Aftermath) -> list[verdict.Row]:
-    """Return what is told of each find, in order of time."""
+    """Return the row of each find (drift.spills.worlds.verdict.COLUMNS), in order of time."""
     return verdict.rows(after.spill, after.segments, after.posterior, after.surprises)
 
 
 def silence(after: Aftermath) -> str | None:
-    """Return in words what is taken for granted about what was not found;
-
-    None without finds and patrols.
-    """
+    """Return up to when the absence of reports is evidence, as text; None without evidence."""
     return verdict.silence(after.period, after.spill, after.posterior.known.now)
 
 
 def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
-    """Return the stretches that each patrol counts as having searched, with its time and detection."""
+    """Return each patrol's time, detection probability and searched stretches."""
     rows = []
     for patrol in spill.patrols:
         walked = list(evidence.walked(patrol, segments))
@@ -294,16 +302,14 @@ def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
 
 
 def warning(after: Aftermath) -> str | None:
-    """Return the warnings in a sentence; None where all is well."""
+    """Return the warnings in one sentence; None if there are none."""
     return "; ".join(warnings(after)) or None
 
 
 def warnings(after: Aftermath) -> list[str]:
-    """Return warnings of finds that do not fit the spill and of too few worlds; empty where all is
-    well.
-    """
+    """Return warnings of finds that do not fit the spill, and of too few effective worlds."""
     texts = verdict.odd(told(after))
-    few, many = _odds(after)
+    few, many = _probability_of_number(after)
     if min(few, many) < verdict.ODD:
         how = (
             f"so few had a probability of {few:.1g}"
@@ -324,8 +330,8 @@ def warnings(after: Aftermath) -> list[str]:
     return texts
 
 
-def _odds(after: Aftermath) -> tuple[float, float]:
-    """Return the probabilities, before any find, of at most so many finds and of at least so many."""
+def _probability_of_number(after: Aftermath) -> tuple[float, float]:
+    """Return the prior probabilities of at most, and of at least, the number of finds ashore."""
     posterior, numbers = after.posterior, after.posterior.known.numbers
     ashore = sum(
         alien < 0.5 and not isinstance(find.place, finds.AtSea)
@@ -333,24 +339,26 @@ def _odds(after: Aftermath) -> tuple[float, float]:
     )
     if not posterior.known.finds and not posterior.known.patrols:
         return 1.0, 1.0
-    world = weights.shares(after.worlds.log_weight)
-    share, given = (
+    world_weight = weights.shares(after.worlds.log_weight)
+    share, grid_prior = (
         posterior.share @ numbers.shares,
         numbers.objects_prior[:, None] * numbers.destroyed_prior,
     )
-    count, odds = numbers.objects[:, None], np.empty((len(world), 2))
-    for own in finds.together(len(world)):
+    count, odds = numbers.objects[:, None], np.empty((len(world_weight), 2))
+    for own in finds.together(len(world_weight)):
         chance = share[own, None, None] * (1 - numbers.destroyed)
-        odds[own, 0] = (given * special.bdtr(np.minimum(ashore, count), count, chance)).sum((1, 2))
-        odds[own, 1] = (given * special.bdtrc(np.minimum(ashore - 1, count), count, chance)).sum(
+        odds[own, 0] = (grid_prior * special.bdtr(np.minimum(ashore, count), count, chance)).sum(
             (1, 2)
         )
-    few, many = partials.over_worlds(world[:, None] * odds).tolist()
+        odds[own, 1] = (
+            grid_prior * special.bdtrc(np.minimum(ashore - 1, count), count, chance)
+        ).sum((1, 2))
+    few, many = partials.sum_over_worlds(world_weight[:, None] * odds).tolist()
     return few, many
 
 
 def notes(spill: Spill) -> list[str]:
-    """Return what a reader of the figures must know about their accuracy."""
+    """Return notes on the accuracy of the figures."""
     if spill.objects[1] <= spill.per_world:
         return []
     return [

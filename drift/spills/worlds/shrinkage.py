@@ -1,14 +1,12 @@
-"""Figures of single worlds, with strength borrowed from all worlds.
+"""Estimates for single worlds that borrow strength from all worlds (empirical Bayes).
 
-This is empirical Bayes for means over few particles.
-
-A world's probability of something is estimated from its few hundred particles, and the likelihood
-of many finds multiplies many such estimates: their noise would then decide between worlds. So each
-is drawn toward what worlds like it have: a quadratic in the worlds' latent unknowns, fitted to all
-worlds at once and corrected by each one's neighbours, is the mean of a prior whose width is
-estimated from all worlds (Fay and Herriot 1979, doi:10.1080/01621459.1979.10482505; Clayton and
-Kaldor 1987, doi:10.2307/2532003). Where the quadratic fits, a world's own particles hardly count;
-elsewhere they decide.
+A world's probabilities are estimated from its few hundred particles, and the likelihood of many
+finds multiplies many such estimates: their noise would then decide between worlds. So each estimate
+is drawn toward a prior mean from all worlds: a quadratic in the worlds' latents, fitted to all
+worlds at once and corrected by each world's neighbours. The width of this prior is estimated from
+all worlds too (Fay and Herriot 1979, doi:10.1080/01621459.1979.10482505; Clayton and Kaldor 1987,
+doi:10.2307/2532003). Where the quadratic fits well, a world's own particles hardly count; elsewhere
+they decide.
 """
 
 from collections.abc import Callable
@@ -22,25 +20,24 @@ from geo.array import Real
 
 NEIGHBOURS = 24  # nearest worlds that correct the quadratic
 STEPS = 40  # most steps of Newton's method
-# standard deviations: from one member of an ensemble to the next, so that neighbours are of one
-# member
+# [standard deviations] distance between members of an ensemble, so that neighbours are of one member
 FAR = 1e3
-SUREST = 1e9  # zeros and ones that a particle's chance says as much as, at most
+SUREST = 1e9  # largest number of zeros and ones to which a particle's chance is equivalent
 RIDGE = 1.0  # inverse variance of a coefficient of the standardised latents
-LEAST = 0.5  # particles, in all worlds together, that count as seen where none was
+LEAST = 0.5  # [particles] assumed count over all worlds if none was counted
 STEEPEST = 30.0  # largest log of a mean or of odds
-EXCESS = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # variance of the prior in means
-# variance of the prior in squared means
+EXCESS = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # prior variance in units of the mean
+# prior variance in units of the squared mean
 SQUARED = (1e-4, 0.01, 0.03, 0.1, 0.2, 0.4, 0.8, 1.6, 4.0, 10.0)
 
 
 @dataclass(frozen=True)
 class Likeness:
-    """How worlds are alike.
+    """Similarity of worlds: regression terms of each, and its nearest neighbours.
 
-    It holds terms (W, p) of a quadratic in their latents, and the nearest others of each (W, k).
-    same: which of these are of the world's own member of an ensemble of winds and currents; None:
-    there is none.
+    terms: (W, p) of a quadratic in the latents. near: the nearest other worlds of each, (W, k).
+    same: which of these have the world's own member of an ensemble of winds and currents; None: no
+    ensemble.
     """
 
     terms: Real
@@ -48,7 +45,7 @@ class Likeness:
     same: npt.NDArray[np.bool_] | None = None
 
     def nearby(self, values: Real) -> Real:
-        """Return the sums of values (W,) over the nearest other worlds that are alike, (W,)."""
+        """Return the sums of values (W,) over each world's neighbours of the same member, (W,)."""
         others = values[self.near]
         return np.asarray(
             others.sum(1) if self.same is None else np.where(self.same, others, 0.0).sum(1)
@@ -56,11 +53,11 @@ class Likeness:
 
 
 def likeness(latent: Real, member: npt.NDArray[np.int32] | None = None) -> Likeness:
-    """Return how worlds of these latents (W, k) are alike. The quadratic has fewer terms where
-    worlds are few.
+    """Return the similarity of worlds with these latents (W, k).
 
-    member: of an ensemble of winds and currents (W,), each of which has a mean of its own, and
-    slopes where worlds are enough; only worlds of one member correct each other.
+    The quadratic has fewer terms if worlds are few. member: of an ensemble of winds and currents,
+    (W,). Each member has its own mean, and its own slopes if there are enough worlds; neighbours
+    are of one member.
     """
     worlds = len(latent)
     spread = latent.std(0)
@@ -92,14 +89,20 @@ def likeness(latent: Real, member: npt.NDArray[np.int32] | None = None) -> Liken
     return Likeness(np.concatenate(terms, axis=1), near, same)
 
 
-def rates(total: Real, squares: Real, n: int, alike: Likeness, full: float = 1.0) -> Real:
-    """Return every world's mean over its n particles (W,), drawn toward the means of worlds like
-    it.
+def rates(total: Real, squares: Real, n: int, similarity: Likeness, full: float = 1.0) -> Real:
+    """Return each world's mean over its n particles, (W,), drawn toward that of similar worlds.
 
-    total, squares: sums over a world's particles of values and of squared values, (W,). full: the
-    value of a particle that counts in full, which is used where all sums are 0.
+    Sums are modelled as overdispersed Poisson in units of sum(squares) / sum(total).
 
-    Sums are taken as overdispersed Poisson in units of sum(squares) / sum(total).
+    Args:
+        total: sums of values over a world's particles, (W,).
+        squares: sums of squared values, (W,).
+        n: number of particles of a world.
+        similarity: similarity of the worlds.
+        full: largest value of a particle, which is the unit if all sums are 0.
+
+    Returns:
+        Means, (W,).
     """
     unit = squares.sum() / total.sum() if squares.sum() > 0 else full
     count = total / unit
@@ -107,8 +110,8 @@ def rates(total: Real, squares: Real, n: int, alike: Likeness, full: float = 1.0
     if count.sum() < LEAST:
         mean = np.full(worlds, LEAST / worlds)
     else:
-        mean = _fit(alike.terms, count, POISSON, float(np.log(count.mean())))
-    mean = mean * _nearby(count, mean, alike)
+        mean = _fit(similarity.terms, count, POISSON, float(np.log(count.mean())))
+    mean = mean * _nearby(count, mean, similarity)
     best, shape, rate = -np.inf, mean, np.ones(worlds)
     for c in EXCESS:
         for a in SQUARED:
@@ -125,51 +128,53 @@ def rates(total: Real, squares: Real, n: int, alike: Likeness, full: float = 1.0
     return np.asarray((shape + count) / (rate + 1) * (unit / n))
 
 
-def _nearby(count: Real, mean: Real, alike: Likeness) -> Real:
-    """Return factors (W,) by which the counts of the nearest other worlds correct means:
-    gamma-Poisson, mean 1.
-    """
-    if not alike.near.shape[1]:
+def _nearby(count: Real, mean: Real, similarity: Likeness) -> Real:
+    """Return factors (W,) by which the neighbours' counts correct means: gamma-Poisson, mean 1."""
+    if not similarity.near.shape[1]:
         return np.ones_like(mean)
-    seen, meant = alike.nearby(count), np.maximum(alike.nearby(mean), 1e-300)
+    neighbour_count, neighbour_mean = (
+        similarity.nearby(count),
+        np.maximum(similarity.nearby(mean), 1e-300),
+    )
     shape = np.array([1 / v for v in SQUARED])[:, None]
-    score = special.gammaln(seen + shape) - special.gammaln(shape) - seen * np.log1p(shape / meant)
-    score -= shape * np.log1p(meant / shape)
+    score = (
+        special.gammaln(neighbour_count + shape)
+        - special.gammaln(shape)
+        - neighbour_count * np.log1p(shape / neighbour_mean)
+    )
+    score -= shape * np.log1p(neighbour_mean / shape)
     best = shape[score.sum(1).argmax(), 0]
-    return np.asarray((best + seen) / (best + meant))
+    return np.asarray((best + neighbour_count) / (best + neighbour_mean))
 
 
-def share(mean: Real, variance: Real, n: int, alike: Likeness) -> Real:
-    """Return every world's share (W,), drawn toward the shares of worlds like it (beta-binomial
-    credibility).
+def share(mean: Real, variance: Real, n: int, similarity: Likeness) -> Real:
+    """Return each world's share (W,), drawn toward that of similar worlds (beta-binomial model).
 
     mean, variance: over the world's n particles of their chances, (W,).
     """
     if not mean.any():
         return mean
-    sure = mean * (1 - mean)
-    # without bound where the particles of each world have one chance
-    ratio = sure.sum() / max(variance.sum(), 1e-300)
-    size = n * float(np.clip(ratio, 1.0, SUREST))  # a sample of so many zeros and ones says as much
+    binomial_variance = mean * (1 - mean)
+    # infinite if all particles of a world have the same chance
+    ratio = binomial_variance.sum() / max(variance.sum(), 1e-300)
+    size = n * float(np.clip(ratio, 1.0, SUREST))  # equivalent sample size of zeros and ones
     middle = float(np.clip(mean.mean(), 1e-12, 1 - 1e-12))
-    prior = _fit(alike.terms, mean, BINOMIAL, float(special.logit(middle)), size)
-    if alike.near.shape[1]:
-        rest = alike.nearby(mean - prior) / alike.near.shape[1]
-        chance = (prior * (1 - prior)).mean() / (size * alike.near.shape[1])
+    prior = _fit(similarity.terms, mean, BINOMIAL, float(special.logit(middle)), size)
+    if similarity.near.shape[1]:
+        rest = similarity.nearby(mean - prior) / similarity.near.shape[1]
+        chance = (prior * (1 - prior)).mean() / (size * similarity.near.shape[1])
         prior = np.clip(
             prior + max(1 - chance / max((rest**2).mean(), 1e-300), 0.0) * rest, 1e-12, 1 - 1e-12
         )
     excess = ((mean - prior) ** 2).sum() / max((prior * (1 - prior)).sum(), 1e-300)
     between = max(excess - 1 / size, 0.0)
-    own = between / (between + 1 / size)  # credibility (Buhlmann 1967)
-    return np.asarray(own * mean + (1 - own) * prior)
+    credibility = between / (between + 1 / size)  # credibility (Buhlmann 1967)
+    return np.asarray(credibility * mean + (1 - credibility) * prior)
 
 
 @dataclass(frozen=True)
 class _Link:
-    """A natural link: mean, variance of a value by its mean, and log-partition, by the linear
-    predictor.
-    """
+    """A natural link: mean, variance (by the mean) and log-partition, by the linear predictor."""
 
     mean: Callable[[Real], Real]
     variance: Callable[[Real], Real]
@@ -181,9 +186,9 @@ BINOMIAL = _Link(special.expit, lambda p: p * (1 - p), lambda eta: np.logaddexp(
 
 
 def _fit(terms: Real, value: Real, link: _Link, begin: float, size: float = 1.0) -> Real:
-    """Return means (W,) of a generalised linear model: Newton's method, halved where it overshoots.
+    """Return fitted means (W,) of a generalised linear model, by Newton's method with step halving.
 
-    begin: constant term to begin with. size: observations that each value is the mean of.
+    begin: initial constant term. size: number of observations of which each value is the mean.
     """
     ridge = np.full(terms.shape[1], RIDGE)
     ridge[0] = 1e-9
@@ -204,9 +209,9 @@ def _fit(terms: Real, value: Real, link: _Link, begin: float, size: float = 1.0)
             hessian, size * terms.T @ (value - mu) - ridge * np.append(0.0, beta[1:])
         )
         length = 1.0
-        while (ahead := score(beta + length * step)) < now and length > 1e-4:
+        while (next_score := score(beta + length * step)) < now and length > 1e-4:
             length /= 2
-        if ahead <= now + 1e-7 * abs(now):
+        if next_score <= now + 1e-7 * abs(now):
             break
-        beta, now = beta + length * step, ahead
+        beta, now = beta + length * step, next_score
     return link.mean(np.clip(terms @ beta, -STEEPEST, STEEPEST))

@@ -1,9 +1,8 @@
-"""Stays of particles on the shore, noted during a run: when each came, to which edge, and when it
-left.
+"""Record stays of particles on the shore during a run: arrival, edge and departure.
 
-Where stranded particles stay for good, the ensemble's own columns hold all stays at the end. Where
-they refloat, the columns are compared after every step. What has been noted goes into the file of
-the run, or of each of its shards.
+If stranded particles never move again, the ensemble's own columns hold all stays at the end. If
+they can refloat, the columns are compared after every step. The stays are stored in the file of the
+run, or of each of its shards.
 """
 
 from dataclasses import dataclass, field
@@ -16,16 +15,13 @@ from drift.engine.particles.status import Status
 from drift.spills.worlds.fates import FOREVER, Stays
 from geo.array import Array
 
-NOTE = "stays"  # slot, edge, arrival and leave of each, by slot and arrival
-BEGUN = "stays of blocks"  # the first of each block of particles, and the number of all
+NOTE = "stays"  # slot, edge, arrival and leave of each stay, by slot and arrival
+BEGUN = "stays of blocks"  # first stay of each block of particles, then the number of all stays
 
 
 @dataclass
 class Landings:
-    """The record of an ensemble's stays;
-
-    `watch` is called after every step if anything can refloat.
-    """
+    """The stays of an ensemble's particles; call `watch` after every step if any can refloat."""
 
     ensemble: Ensemble
     refloats: bool
@@ -36,7 +32,7 @@ class Landings:
     _rows: list[Array] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        """Begin with nothing ashore."""
+        """Start with no particle ashore."""
         n = self.ensemble.n
         self._ashore, self._ended, self._edge = (
             np.zeros(n, bool),
@@ -45,20 +41,24 @@ class Landings:
         )
 
     def watch(self, elapsed: int) -> None:
-        """Note the stays that ended in the step that began at `elapsed` [s after start]."""
+        """Record the stays that ended in the step that began at `elapsed` [s after start]."""
         if not self.refloats:
             return
         ashore = self.ensemble.status.to_numpy() == Status.ASHORE
         ended, edge = self.ensemble.status_since.to_numpy(), self.ensemble.edge.to_numpy()
-        gone = np.flatnonzero(self._ashore & (~ashore | (ended != self._ended)))
-        leave = np.maximum(self._ended[gone] + 1, self.ensemble.moving_since.to_numpy()[gone])
+        left_shore = np.flatnonzero(self._ashore & (~ashore | (ended != self._ended)))
+        leave = np.maximum(
+            self._ended[left_shore] + 1, self.ensemble.moving_since.to_numpy()[left_shore]
+        )
         self._rows.append(
-            np.stack([gone, self._edge[gone], self._ended[gone], leave]).astype(np.int32)
+            np.stack([left_shore, self._edge[left_shore], self._ended[left_shore], leave]).astype(
+                np.int32
+            )
         )
         self._ashore, self._ended, self._edge = ashore, ended, edge
 
     def note(self, reel: ShardFile) -> None:
-        """Take down all stays at the end of the run."""
+        """Write all stays into a file at the end of the run."""
         there = np.flatnonzero(self.ensemble.status.to_numpy() == Status.ASHORE)
         ended, edge = (
             self.ensemble.status_since.to_numpy()[there],
@@ -68,23 +68,26 @@ class Landings:
         rows = np.concatenate([*self._rows, last], axis=1).astype(np.int32)
         rows = rows[:, np.lexsort((rows[2], rows[0]))]
         reel.note(NOTE, rows.T.ravel())
-        reel.note(BEGUN, np.searchsorted(rows[0], _edges(self.ensemble.layout)))
+        reel.note(BEGUN, np.searchsorted(rows[0], _block_bounds(self.ensemble.layout)))
 
 
 def stays(portion: Portion, of_edge: Array) -> Stays:
-    """Return the stays of some particles, by their slots among them; of_edge: the segment of every
-    shoreline edge.
+    """Return the stays of a portion's particles, by their slots in it.
+
+    of_edge: segment of every shoreline edge.
     """
-    reel, begun, parts, ahead = portion.reel, portion.reel.noted(BEGUN), [], 0
+    shard_file, first_stays, parts, offset = portion.reel, portion.reel.noted(BEGUN), [], 0
     for first, last, _ in portion.slots:
-        a, b = begun[np.searchsorted(_edges(reel.layout), (first, last))].tolist()
-        rows = reel.noted(NOTE, 4 * a, 4 * b).reshape(-1, 4).T
-        parts.append(rows - np.array([[first - ahead], [0], [0], [0]], np.int32))
-        ahead += last - first
+        a, b = first_stays[
+            np.searchsorted(_block_bounds(shard_file.layout), (first, last))
+        ].tolist()
+        rows = shard_file.noted(NOTE, 4 * a, 4 * b).reshape(-1, 4).T
+        parts.append(rows - np.array([[first - offset], [0], [0], [0]], np.int32))
+        offset += last - first
     slot, edge, arrival, leave = np.concatenate(parts, axis=1)
     return Stays(slot, of_edge[edge].astype(np.int32), arrival, leave)
 
 
-def _edges(layout: Layout) -> Array:
-    """Return the first slot of each block and, last, the number of slots."""
+def _block_bounds(layout: Layout) -> Array:
+    """Return the first slot of each block, followed by the number of slots."""
     return np.append(layout.blocks.first, layout.blocks.n)

@@ -1,7 +1,7 @@
-"""How many objects lie on each stretch of coast, and when they come: figures over simulated spills.
+"""Number of objects on each stretch of coast over time, and arrival times, over simulated spills.
 
-What each world brings to each stretch is counted part by part of the worlds, in whole numbers, and
-lies in a file. Figures are made of that stretch by stretch in pieces of CELLS rows by time: memory
+The objects of each world on each stretch are counted part by part of the worlds, as integers, into
+a file. Figures are then computed for runs of stretches of at most CELLS rows by time. So memory
 grows neither with the number of particles nor with that of stretches.
 """
 
@@ -17,17 +17,15 @@ from drift.spills.worlds.fates import FOREVER, Fates, Realisation
 from drift.spills.worlds.products.dataset import SHARES
 from geo.array import Array
 
-CELLS = 2_000_000  # most rows (a stretch in a world) times output times that are worked on together
+CELLS = 2_000_000  # most rows (a stretch in a world) times output times in memory at once
 
 MEANS = ("expected", "probability", "arrived")
 
 
 def settled(fates: Fates) -> dict[str, Array]:
-    """Return release and end of every slot, and arrival and leave of every stay [s], without
-    contradictions.
+    """Return consistent times of all slots and stays [s]: release, ended, arrival and leave.
 
-    "Not yet released" goes before "ended", and "ended" before "ashore": where two hold at a time,
-    the first counts.
+    "Not yet released" has priority over "ended", and "ended" over "ashore".
     """
     stays = fates.stays
     ended = np.maximum(fates.ended, fates.release)
@@ -38,34 +36,33 @@ def settled(fates: Fates) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class _Rows:
-    """What some worlds bring to stretches: a row for each stretch and world, sorted by stretch,
-    then by world.
+    """Objects of some worlds on stretches: a row by stretch and world, sorted by both.
 
-    Shapes are (r,), (realisations, r) of times, and (.., r, T) of numbers by output time.
+    Shapes are (r,), (realisations, r) for times, and (.., r, T) for numbers by output time.
     """
 
     segment: Array
     world: Array
     most: Array  # largest number of objects in the row in any realisation
     lying: Array  # (realisations, r, T) objects that lie there
-    arrived: Array  # (1, r, T) objects that ever lay there, of all realisations
-    # (kinds, r, T) objects that lie there by class, of all realisations; of one class there are
-    # none
+    arrived: Array  # (1, r, T) objects that ever lay there, summed over realisations
+    # (kinds, r, T) objects that lie there by class, summed over realisations; empty if there is only
+    # one class
     by_kind: Array
-    first: Array  # when the first object arrives [s after start]; FOREVER: none does
-    before: Array  # when the last one of the first half arrives
-    after: Array  # when the first one of the other half does: the same of an odd number
+    first: Array  # arrival of the first object [s after start]; FOREVER: none arrives
+    before: Array  # arrival of the last object of the first half
+    after: Array  # arrival of the first object of the second half; for an odd number that before
 
 
 class Table:
-    """The rows of all worlds in a file, added part by part."""
+    """The rows of all worlds, in a file, to which they are added part by part."""
 
     def __init__(self, file: ShardFile, realisations: int, times: int, kinds: int) -> None:
-        """Begin without any row."""
+        """Create an empty table."""
         self._file, self._times, self._realisations = file, times, realisations
         self._kinds = kinds if kinds > 1 else 0
-        # Of each part, its stretches; of these, the first row and, last, the number of all; and
-        # most objects in a row.
+        # For each part: its stretches; their first rows, followed by the number of all rows; and the
+        # largest number of objects in a row of each.
         self._parts: list[tuple[Array, Array, Array]] = []
 
     @property
@@ -75,10 +72,11 @@ class Table:
     def add(
         self, fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array
     ) -> None:
-        """Add the rows of some worlds; weight: of all worlds, (W,). outputs: times [s after start],
-        (T,).
+        """Add the rows of some worlds.
+
+        weight: of all worlds, (W,). outputs: output times [s after start], (T,).
         """
-        rows = _counted(fates, realisations, weight, outputs, self._kinds)
+        rows = _count_objects(fates, realisations, weight, outputs, self._kinds)
         segment, first = np.unique(rows.segment, return_index=True)
         bounds = np.append(first, rows.segment.size)
         most = np.maximum.reduceat(rows.most, first) if first.size else first
@@ -91,20 +89,20 @@ class Table:
         self._parts.append((segment, bounds, most))
 
     def pieces(self) -> Iterator[_Rows]:
-        """Yield the rows of runs of stretches that fit into CELLS; each run holds at least one
-        stretch.
-        """
+        """Yield the rows of runs of stretches that fit into CELLS, at least one stretch each."""
         touched = np.unique(np.concatenate([segment for segment, _, _ in self._parts]))
         rows, largest = np.zeros((2, touched.size), np.int64)
         for segment, bounds, most in self._parts:
             which = np.searchsorted(touched, segment)
             rows[which] += np.diff(bounds)
             largest[which] = np.maximum(largest[which], most)
-        for begin, end in _runs((self._times * np.maximum(rows, largest + 1)).tolist()):
+        for begin, end in _runs_of_stretches(
+            (self._times * np.maximum(rows, largest + 1)).tolist()
+        ):
             yield self._read(touched[begin], touched[end - 1])
 
     def _read(self, first: int, last: int) -> _Rows:
-        """Return the rows of the stretches from one number to another."""
+        """Return the rows of the stretches from number `first` to `last`."""
         parts = []
         for number, (segment, bounds, _) in enumerate(self._parts):
             begin, end = (
@@ -127,44 +125,46 @@ class Table:
         return _Rows(*head.T, *numbers, *when.T.reshape(3, self._realisations, r))
 
 
-def _counted(
+def _count_objects(
     fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array, kinds: int
 ) -> _Rows:
-    """Return the rows of some worlds; kinds: number of classes that are told apart."""
-    clean, stays, times = settled(fates), fates.stays, len(outputs)
-    drawn = np.zeros(len(fates.world), bool)
+    """Return the rows of some worlds; kinds: number of classes that are counted separately."""
+    times_of_stays, stays, times = settled(fates), fates.stays, len(outputs)
+    in_spill = np.zeros(len(fates.world), bool)
     for realisation in realisations:
-        drawn |= realisation.stands > 0
-    drawn &= weight[fates.world] > 0
-    chosen = np.flatnonzero(drawn[stays.slot] & (clean["arrival"] < clean["leave"]))
+        in_spill |= realisation.stands > 0
+    in_spill &= weight[fates.world] > 0
+    chosen = np.flatnonzero(
+        in_spill[stays.slot] & (times_of_stays["arrival"] < times_of_stays["leave"])
+    )
     slot, segment, arrival = (
         stays.slot[chosen],
         stays.segment[chosen].astype(np.int64),
-        clean["arrival"][chosen],
+        times_of_stays["arrival"][chosen],
     )
-    debut = np.zeros(len(chosen), bool)
-    debut[np.unique(slot * (segment.max(initial=0) + 1) + segment, return_index=True)[1]] = True
+    first_stay = np.zeros(len(chosen), bool)
+    visit = slot * (segment.max(initial=0) + 1) + segment
+    first_stay[np.unique(visit, return_index=True)[1]] = True
     pair = segment * fates.worlds + fates.world[slot]
     order = np.lexsort((arrival, pair))
-    chosen, slot, pair, arrival, debut = (
+    chosen, slot, pair, arrival, first_stay = (
         chosen[order],
         slot[order],
         pair[order],
         arrival[order],
-        debut[order],
+        first_stay[order],
     )
     pairs, row = np.unique(pair, return_inverse=True)
     r, begin, end = (
         len(pairs),
         np.searchsorted(outputs, arrival),
-        np.searchsorted(outputs, clean["leave"][chosen]),
+        np.searchsorted(outputs, times_of_stays["leave"][chosen]),
     )
 
     def lying(amount: Array, leaves: bool = True) -> Array:
-        """Return how many objects lie there by row and time, int32 (r, T); amount: of each stay
-        (m,).
+        """Return the objects that lie there by row and time, int32 (r, T); amount: by stay (m,).
 
-        leaves: whether stays end; else those that ever lay there count.
+        If `leaves` is false, stays do not end: all objects that ever lay there count.
         """
         change = np.zeros(r * (times + 1), np.int32)
         np.add.at(change, row * (times + 1) + begin, amount)
@@ -175,13 +175,15 @@ def _counted(
     amounts = [realisation.stands[slot] for realisation in realisations]
     total = np.sum(amounts, axis=0, dtype=np.int32)
     of_kind = [lying(np.where(fates.kind[slot] == kind, total, 0)) for kind in range(kinds)]
-    when = [_arrivals(row, r, arrival, np.where(debut, amount, 0)) for amount in amounts]
+    when = [
+        _arrivals_by_row(row, r, arrival, np.where(first_stay, amount, 0)) for amount in amounts
+    ]
     return _Rows(
         segment=pairs // fates.worlds,
         world=pairs % fates.worlds,
         most=np.max([np.bincount(row, amount, r) for amount in amounts], axis=0).astype(np.int64),
         lying=np.array([lying(amount) for amount in amounts]),
-        arrived=lying(np.where(debut, total, 0), leaves=False)[None],
+        arrived=lying(np.where(first_stay, total, 0), leaves=False)[None],
         by_kind=np.reshape(of_kind, (kinds, r, times)),
         first=np.array([one[0] for one in when]),
         before=np.array([one[1] for one in when]),
@@ -189,8 +191,8 @@ def _counted(
     )
 
 
-def _runs(sizes: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Yield runs of stretches, from the first to before the second, that fit into CELLS.
+def _runs_of_stretches(sizes: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Yield runs of stretches that fit into CELLS, from the first to before the second number.
 
     Each holds at least one stretch.
     """
@@ -206,16 +208,16 @@ def _runs(sizes: Sequence[int]) -> Iterator[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class _Piece:
-    """A run of stretches that is worked on together: its rows (r,), its stretches (s,)."""
+    """A run of stretches whose figures are computed together: its rows (r,), its stretches (s,)."""
 
     times: int
     start: Array  # (s,) first row of each stretch
-    stretch: Array  # (r,) number of its stretch in the piece
-    weight: Array  # (r,) of its world
+    stretch: Array  # (r,) index of the row's stretch in the piece
+    weight: Array  # (r,) weight of the row's world
     squares: float  # sum of squared weights of all worlds
 
     def mean(self, name: str, values: Array) -> dict[str, Array]:
-        """Return the mean over worlds, (T, s), its error, and what `unseen` needs.
+        """Return the mean over worlds, (T, s), its standard error, and the sums for `unseen`.
 
         values: by row and time, (r, T).
         """
@@ -223,45 +225,45 @@ class _Piece:
         if name == "probability":
             error = np.maximum(error, estimate.least_error(middle, 1 / self.squares))
             return {name: middle.T, f"{name}_se": error.T}
-        return {name: middle.T, f"{name}_se": error.T} | _hits(
+        return {name: middle.T, f"{name}_se": error.T} | _unseen_sums(
             name, values, self.weight, self.start
         )
 
 
 class _Histogram:
-    """Weighted histograms of the number of objects that lie on each stretch at each time.
+    """Weighted histograms of the number of objects on each stretch at each time.
 
-    Each stretch has as many classes as it needs; they are stored one after the other, so that a
-    stretch with many objects does not cost the others memory.
+    Each stretch has as many bins as it needs, stored one stretch after the other, so that a stretch
+    with many objects does not cost the others memory.
     """
 
     def __init__(self, piece: _Piece, most: Array) -> None:
-        """Begin without any spill; most: largest number in each row, (r,)."""
+        """Create empty histograms; most: largest number in each row, (r,)."""
         self._piece, times = piece, piece.times
-        self._classes = np.maximum.reduceat(most, piece.start) + 1
-        self._base = np.append(0, np.cumsum(self._classes * times))
+        self._bins = np.maximum.reduceat(most, piece.start) + 1
+        self._base = np.append(0, np.cumsum(self._bins * times))
         self._cell = (
             self._base[piece.stretch][:, None]
-            + np.arange(times) * self._classes[piece.stretch][:, None]
+            + np.arange(times) * self._bins[piece.stretch][:, None]
         )
         self._weight = np.zeros(self._base[-1])
 
     def add(self, number: Array, share: float) -> None:
-        """Count numbers by row and time (r, T); share: of the world's weight that they have."""
+        """Add numbers by row and time (r, T); share: of the world's weight that they have."""
         filled = np.repeat(self._piece.weight * share, self._piece.times)
         self._weight += np.bincount((self._cell + number).ravel(), filled, minlength=self._base[-1])
 
     def quantiles(self) -> dict[str, Array]:
-        """Return the quantiles of the numbers, (SHARES, T, s), and their errors.
+        """Return the quantiles of the numbers, (SHARES, T, s), and their standard errors.
 
-        Worlds of which nothing ever touches a stretch have the number 0 there.
+        Worlds without any object that touches a stretch count as 0 there.
         """
         piece, times = self._piece, self._piece.times
-        groups = (self._base[:-1, None] + np.arange(times) * self._classes[:, None]).ravel()
+        groups = (self._base[:-1, None] + np.arange(times) * self._bins[:, None]).ravel()
         self._weight[groups] += np.repeat(
             1 - np.add.reduceat(piece.weight, piece.start), times
         ).clip(0)
-        numbers = np.arange(self._base[-1]) - np.repeat(groups, np.repeat(self._classes, times))
+        numbers = np.arange(self._base[-1]) - np.repeat(groups, np.repeat(self._bins, times))
         number, error = estimate.quantiles(numbers, self._weight, groups, SHARES, 1 / piece.squares)
         shape = (len(SHARES), len(piece.start), times)
         return {
@@ -271,8 +273,9 @@ class _Histogram:
 
 
 def figures(rows: _Rows, weight: Array) -> dict[str, Array]:
-    """Return the figures of a run of stretches; the last axis of each is the stretch. weight: of
-    the worlds, (W,).
+    """Return the figures of a run of stretches; the last axis of each is the stretch.
+
+    weight: of the worlds, (W,).
     """
     start = np.unique(rows.segment, return_index=True)[1]
     stretch = np.repeat(np.arange(len(start)), np.diff(np.append(start, len(rows.segment))))
@@ -298,12 +301,13 @@ def figures(rows: _Rows, weight: Array) -> dict[str, Array]:
             "expected_by_kind": figures["expected"][None],
             "expected_by_kind_se": figures["expected_se"][None],
         }
-    return figures | _when(rows, piece.weight * share, stretch, start, piece.squares)
+    return figures | _arrival_figures(rows, piece.weight * share, stretch, start, piece.squares)
 
 
-def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Array]:
-    """Return what estimate.unseen needs of the worlds whose values (rows, T) are not 0, each (T,
-    stretches).
+def _unseen_sums(name: str, value: Array, weight: Array, start: Array) -> dict[str, Array]:
+    """Return the sums for estimate.unseen over worlds with a value above 0, each (T, stretches).
+
+    value: (rows, T).
     """
     w = weight[:, None]
     parts = {
@@ -315,35 +319,36 @@ def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Arr
 
 
 def unseen(figures: dict[str, Array], weight: Array) -> dict[str, Array]:
-    """Return standard errors of expected numbers that allow for worlds that were not seen.
+    """Return standard errors of expected numbers that allow for unseen kinds of worlds.
 
-    The results of `_hits` are taken out of the figures.
+    This removes the results of `_unseen_sums` from the figures.
     """
-    many, errors = weights.effective(weight), {}
+    effective_worlds, errors = weights.effective(weight), {}
     for name in [name.removesuffix("_hits") for name in figures if name.endswith("_hits")]:
         parts = [figures.pop(f"{name}_{part}") for part in ("hits", "count", "square")]
         shape = parts[0].shape
         hits, count, square = (part.reshape(-1, shape[-1]).T for part in parts)
-        more = estimate.unseen(hits, count, square, many)
+        more = estimate.unseen(hits, count, square, effective_worlds)
         errors[f"{name}_se"] = np.hypot(figures[f"{name}_se"], more.T.reshape(shape))
     if errors and "expected_by_kind_se" not in errors:
         errors["expected_by_kind_se"] = errors["expected_se"][None]
     return errors
 
 
-def _arrivals(row: Array, many: int, arrival: Array, amount: Array) -> tuple[Array, Array, Array]:
-    """Return of all rows when the first object arrives, and the two in the middle, int32 (many,);
-    FOREVER: none does.
+def _arrivals_by_row(
+    row: Array, many: int, arrival: Array, amount: Array
+) -> tuple[Array, Array, Array]:
+    """Return arrival times by row, int32 (many,): first object, and the two around the median.
 
-    row: (m,) ascending; arrival: (m,) [s] ascending in each row; amount: (m,) objects, each arrives
-    once.
+    They are FOREVER if no object arrives. row: (m,) ascending; arrival: (m,) [s] ascending in each
+    row; amount: (m,) objects, each of which arrives once.
     """
     there = np.flatnonzero(amount)
     row, arrival, amount = row[there], arrival[there], amount[there].astype(np.int64)
     rows, head = np.unique(row, return_index=True)
     running = np.cumsum(amount)
     before = running[head] - amount[head]
-    # number of the row's last object, from 0
+    # index of the row's last object
     last = np.append(running[head[1:] - 1], running[-1:]) - before - 1
     middle = [
         arrival[np.searchsorted(running, before + which, side="right")]
@@ -354,13 +359,13 @@ def _arrivals(row: Array, many: int, arrival: Array, amount: Array) -> tuple[Arr
     return when[0], when[1], when[2]
 
 
-def _when(
+def _arrival_figures(
     rows: _Rows, weight: Array, stretch: Array, start: Array, squares: float
 ) -> dict[str, Array]:
-    """Return when the first object and the bulk arrive [s after start], if any does, and how
-    probable that is.
+    """Return quantiles of the arrival of the first object and of the bulk, given any arrival.
 
-    weight: of a row in each realisation.
+    They are in [s after start], with the probability of any arrival. weight: of a row in each
+    realisation.
     """
     which, row = np.nonzero(rows.first != FOREVER)  # realisation after realisation
     when = {
@@ -371,20 +376,23 @@ def _when(
     ever, ever_se = estimate.mean(any_comes, weight * len(rows.first), start, squares)
     ever_se = np.maximum(ever_se, estimate.least_error(ever, 1 / squares))
     mass = weight * any_comes[:, 0]
-    # Weights are relative to the largest of each stretch: their squares may be too small for a
-    # float.
+    # Scale weights by the largest of each stretch: otherwise their squares could underflow.
     size = np.diff(np.append(start, mass.size))
     part = mass / np.repeat(
         np.maximum(np.maximum.reduceat(mass, start), np.finfo(float).tiny), size
     )
-    many = np.add.reduceat(part, start) ** 2 / np.maximum(
+    effective_arrivals = np.add.reduceat(part, start) ** 2 / np.maximum(
         np.add.reduceat(part**2, start), np.finfo(float).tiny
     )
-    figures = {"ever": ever[:, 0], "ever_se": ever_se[:, 0], "effective_arrivals": many}
+    figures = {
+        "ever": ever[:, 0],
+        "ever_se": ever_se[:, 0],
+        "effective_arrivals": effective_arrivals,
+    }
     for name, value in when.items():
         order = np.lexsort((value, stretch[row]))
         head = np.searchsorted(stretch[row][order], np.arange(len(start)))
         figures[name], figures[f"{name}_se"] = estimate.quantiles(
-            value[order], weight[row][order], head, SHARES, many
+            value[order], weight[row][order], head, SHARES, effective_arrivals
         )
     return figures

@@ -1,6 +1,4 @@
-"""The unknowns of a spill, before and after its finds side by side: release, biases, sinking,
-numbers.
-"""
+"""The unknowns of a spill before and after its finds: release, biases, sinking, numbers."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,10 +21,17 @@ def unknowns_table(
     start: np.datetime64,
     kinds: Sequence[str],
 ) -> dict[str, Any]:
-    """Return the unit of each unknown, and its mean and 10/50/90 % quantiles before and after the
-    finds.
+    """Return each unknown's unit, and mean and 10/50/90 % quantiles before and after the finds.
 
-    worlds: those weighted by the finds; prior: those first drawn.
+    Args:
+        worlds: worlds of the last round, weighted by the finds.
+        prior: worlds of the first round.
+        posterior: posterior of the worlds and of the numbers of objects.
+        start: start of the run, UTC.
+        kinds: names of the classes of objects.
+
+    Returns:
+        A row for each unknown, by its name.
     """
     rows: dict[str, Any] = {}
     before, after = _columns(prior, start, kinds), _columns(worlds, start, kinds)
@@ -88,8 +93,9 @@ def _figures(values: Real, weight: Real) -> dict[str, float]:
 
 
 def unknowns_csv(rows: dict[str, Any], worlds: float, run: str) -> str:
-    """Return the table as CSV; worlds: how many count after the finds. run: its run_id, in the last
-    column.
+    """Return the table as CSV.
+
+    worlds: effective worlds after the finds. run: the run_id, for the last column.
     """
     figures = ("mean", *(f"{share:.0%}" for share in SHARES))
     header = [

@@ -1,6 +1,4 @@
-"""What the finds of a spill came to, one by one: as numbers, as a table and in words; it writes no
-file.
-"""
+"""The finds of a spill one by one: as rows of numbers, as a table and in words."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -42,9 +40,7 @@ Row = dict[str, Any]
 def rows(
     spill: Spill, segments: Segments, posterior: Posterior, surprises: Sequence[Surprise]
 ) -> list[Row]:
-    """Return what is told of each find, by COLUMNS, in order of time; finds are numbered as in the
-    case.
-    """
+    """Return a row of COLUMNS for each find, in order of time; numbers are as in the case."""
     known = posterior.known.finds
     return [
         _row(number, spill, segments, surprise, float(posterior.alien[number]))
@@ -92,7 +88,7 @@ def position(spill: Spill, segments: Segments, number: int, find: Detection) -> 
 def csv(told: Sequence[Row], worlds: float, run: str) -> str:
     """Return the finds as CSV, a row each, in order of time.
 
-    worlds: how many count after them. run: its run_id, in the last column.
+    worlds: effective worlds after the finds. run: the run_id, for the last column.
     """
     lines = [[*(_cell(row[name]) for name in COLUMNS), f"{worlds:.6g}", run] for row in told]
     return formats.csv_text([*COLUMNS, "effective_worlds", "run_id"], lines)
@@ -107,16 +103,16 @@ def _cell(value: Any) -> str:
 
 
 def ours(row: Row) -> str:
-    """Return whether a find is one of ours, in words."""
+    """Return the probability that a find is not from this spill in words."""
     if row["false"] == 0:
         return "counted as from this spill (set false if unsure)"
     return f"not from this spill: {notation.percent(row['none_of_ours'])}"
 
 
 def odd(told: Sequence[Row]) -> list[str]:
-    """Return a warning of each find that was hardly to be expected where it was found."""
+    """Return a warning for each find whose place was improbable given the evidence before it."""
     return [
-        f'find {row["number"]} "{row["name"]}" ({notation.group(row["time"])}, {row["position"]}, {row["stretch"]}) is unlikely: '
+        f'find {row["number"]} "{row["name"]}" ({notation.format_dtg(row["time"])}, {row["position"]}, {row["stretch"]}) is unlikely: '
         f"the chance of a find there was {notation.percent(row['probability_beforehand'])}, at places at "
         f"most as likely {notation.percent(row['tail'])}; {ours(row)}; check it, or set false = 0.1"
         for row in told
@@ -125,10 +121,9 @@ def odd(told: Sequence[Row]) -> list[str]:
 
 
 def silence(period: Period, spill: Spill, until: float) -> str | None:
-    """Return in words what the figures take for granted about what was not found; None without
-    finds and patrols.
+    """Return up to when the absence of reports is evidence, as text; None without evidence.
 
-    until: up to when all finds are known [s after start].
+    until: time up to which all finds are known [s after start].
     """
     if not spill.finds and not spill.patrols:
         return None
@@ -137,4 +132,4 @@ def silence(period: Period, spill: Spill, until: float) -> str | None:
         "spill.reporting.until" if spill.reporting.until is not None else "the last find or patrol"
     )
     what = "no other reports" if spill.finds else "no finds or reports"
-    return f"{what} until {notation.group(time)} ({which}); that silence is evidence too"
+    return f"{what} until {notation.format_dtg(time)} ({which}); that silence is evidence too"

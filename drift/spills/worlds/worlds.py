@@ -1,12 +1,10 @@
-"""The worlds of a spill: what all its objects share and nobody knows, drawn once a world.
+"""The worlds of a spill: draws of the unknowns that all its objects share.
 
-The unknowns are drawn as independent standard normals.
-
-Each unknown is a function of one or more latent normals, so a prior is a standard normal in every
-direction, cut to what is possible (releases in the stated area, in water); worlds can be drawn
-again from any density over the latents and weighted by the ratio of the two (importance sampling;
-Cappe et al. 2004, "Population Monte Carlo", doi:10.1198/106186004X12803). Works on NumPy float64;
-nothing here touches the device.
+Each unknown is a function of one or more latents, which are independent standard normals. So the
+prior is a standard normal in every direction, cut to what is possible (releases in the stated area,
+in water). Worlds can be drawn again from any density over the latents and weighted by the ratio of
+the two densities (importance sampling; Cappe et al. 2004, "Population Monte Carlo",
+doi:10.1198/106186004X12803). Works on NumPy float64, without the device.
 """
 
 import hashlib
@@ -32,18 +30,18 @@ from kernels.maths.noise import Purpose
 
 IsLand = Callable[[Array, Array], Array]
 
-# share of renewed worlds that still come from the prior: keeps weights bounded (Hesterberg 1995)
+# share of redrawn worlds that still come from the prior: keeps weights bounded (Hesterberg 1995)
 DEFENSIVE = 0.1
-TRIES = 400  # rounds of candidates before a release is refused as lying on land
+TRIES = 400  # rounds of candidates before a release is rejected as lying on land
 
 
 @dataclass(frozen=True)
 class Worlds:
-    """What each world is like; arrays of shape (w,), sinking (w, classes)."""
+    """The unknowns of each world; arrays of shape (w,), sinking (w, classes)."""
 
     latent: Real  # (w, k) standard normals under the prior
     names: tuple[str, ...]  # names of the latents
-    log_weight: Real  # log of the prior over the density that the worlds were drawn from
+    log_weight: Real  # log of the prior density over the density that the worlds were drawn from
     lon: npt.NDArray[np.int32]  # of the release [binary angle]
     lat: npt.NDArray[np.int32]
     release: npt.NDArray[np.int64]  # [s since 1970] when it begins
@@ -52,9 +50,9 @@ class Worlds:
     current_north: Real
     sinking: Real  # [s] half-life or median time of waterlogging, by class; inf: never
     reporting: Real  # factor on all reporting rates
-    # of an ensemble of winds and currents, ascending; None: there is none
+    # member of an ensemble of winds and currents, ascending; None: no ensemble
     member: npt.NDArray[np.int32] | None = None
-    members: int = 0  # of that ensemble
+    members: int = 0  # size of that ensemble
 
     @property
     def size(self) -> int:
@@ -63,16 +61,16 @@ class Worlds:
 
     def some(self, first: int, last: int) -> "Worlds":
         """Return the worlds from number `first` to before `last`."""
-        own: dict[str, Any] = {
+        columns: dict[str, Any] = {
             name: value[first:last]
             for name, value in vars(self).items()
             if isinstance(value, np.ndarray)
         }
-        return replace(self, **own)
+        return replace(self, **columns)
 
     @property
     def digest(self) -> str:
-        """What tells these worlds from others, down to the last bit."""
+        """Digest of all values of the worlds, to the last bit."""
         total = hashlib.blake2b(digest_size=16)
         for value in vars(self).values():
             total.update(
@@ -85,36 +83,33 @@ class Worlds:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A density over latents to draw worlds from: a mixture of normals, and a share of the prior."""
+    """A density over latents to draw worlds from: a mixture of normals and a share of the prior."""
 
     centre: Real  # (m, k)
     share: Real  # (m,) sum 1
     covariance: Real  # (k, k) of each normal
-    # (m,) member of the ensemble of each normal; None: there is none
+    # (m,) member of the ensemble of each normal; None: no ensemble
     member: npt.NDArray[np.int32] | None = None
-    members: int = 0  # of the ensemble
+    members: int = 0  # size of the ensemble
 
     def draw(
         self, rng: np.random.Generator, count: int
     ) -> tuple[Real, npt.NDArray[np.int32] | None]:
-        """Return latents, shape (count, k), and members of the ensemble (count,), where there is
-        one.
-        """
+        """Return latents, (count, k), and members of the ensemble, (count,), if there is one."""
         chosen = rng.choice(self.share.size, count, p=self.share)
         near = self.centre[chosen] + rng.multivariate_normal(
             np.zeros(self.centre.shape[1]), self.covariance, count
         )
-        defends = rng.random(count) < DEFENSIVE
-        latent = np.where(defends[:, None], rng.standard_normal(near.shape), near)
+        from_prior = rng.random(count) < DEFENSIVE
+        latent = np.where(from_prior[:, None], rng.standard_normal(near.shape), near)
         if self.member is None:
             return latent, None
         return latent, np.where(
-            defends, rng.integers(self.members, size=count), self.member[chosen]
+            from_prior, rng.integers(self.members, size=count), self.member[chosen]
         ).astype(np.int32)
 
     def log_density(self, latent: Real, member: npt.NDArray[np.int32] | None = None) -> Real:
-        """Return the logarithm of the density at latents (n, k), and at members (n,) where there
-        are any.
+        """Return the log density at latents (n, k), and at members (n,) of an ensemble if any.
 
         A constant is left out, the same one as in `_log_prior`.
         """
@@ -135,20 +130,20 @@ class Proposal:
 
 
 def around(worlds: Worlds, weight: Real) -> Proposal:
-    """Return a density about weighted worlds: a normal at each.
+    """Return a proposal around weighted worlds: a mixture of a normal at each.
 
-    The normals are as wide as the rule of Silverman (1986, eq. 4.15) has it.
+    The width of the normals is by the rule of Silverman (1986, eq. 4.15).
     """
-    kept = np.flatnonzero(weight > 0)
-    share, centre = weight[kept] / weight[kept].sum(), worlds.latent[kept]
+    weighted = np.flatnonzero(weight > 0)
+    share, centre = weight[weighted] / weight[weighted].sum(), worlds.latent[weighted]
     effective, k = 1 / (share**2).sum(), centre.shape[1]
     mean = share @ centre
     spread = (centre - mean).T @ ((centre - mean) * share[:, None])
     width = (4 / ((k + 2) * effective)) ** (1 / (k + 4))
     covariance = width**2 * (spread + 1e-4 * np.eye(k))
-    # The centres are drawn in, so that the mixture is as wide as they were (West 1993).
+    # Shrinking the centres keeps the variance of the mixture equal to theirs (West 1993).
     shrink = math.sqrt(1 - min(width, 0.95) ** 2)
-    member = None if worlds.member is None else worlds.member[kept]
+    member = None if worlds.member is None else worlds.member[weighted]
     return Proposal(mean + shrink * (centre - mean), share, covariance, member, worlds.members)
 
 
@@ -164,11 +159,22 @@ def draw_worlds(
     count: int | None = None,
     members: int = 0,
 ) -> Worlds:
-    """Return worlds from the prior, or from a proposal and weighted for it.
+    """Draw worlds from the prior, or from a proposal, with importance weights.
 
-    is_land: int32 binary angles (lon, lat) -> bool. members: of an ensemble of winds and currents,
-    which worlds from the prior are dealt. Raises UserError when next to no release lies in water,
-    or there are fewer worlds than members.
+    Args:
+        spill: the spill, with the prior of its worlds.
+        seed: seed of the run.
+        is_land: function of int32 binary angles (lon, lat) to bool.
+        proposal: density to draw from; None: the prior.
+        count: number of worlds; None: as the spill says.
+        members: number of members of an ensemble of winds and currents; worlds from the prior are
+            dealt to them evenly.
+
+    Returns:
+        The worlds with their log weights.
+
+    Raises:
+        UserError: next to no release lies in water, or there are fewer worlds than members.
     """
     rng = noise.generator(seed, Purpose.WORLDS)
     model = _Model(spill)
@@ -177,9 +183,9 @@ def draw_worlds(
         raise UserError(
             f"[spill] worlds: {wanted} are too few for {members} members of the winds or currents; give more"
         )
-    kept: list[Real] = []
+    kept_latent: list[Real] = []
     kept_member: list[npt.NDArray[np.int32]] = []
-    have = 0
+    accepted = 0
     for _ in range(TRIES):
         member = None
         if proposal is None:
@@ -188,18 +194,18 @@ def draw_worlds(
             latent, member = proposal.draw(rng, wanted)
         lon, lat, possible = model.place(latent)
         possible &= ~is_land(lon, lat)
-        kept.append(latent[possible])
+        kept_latent.append(latent[possible])
         if member is not None:
             kept_member.append(member[possible])
-        have += int(possible.sum())
-        if have >= wanted:
+        accepted += int(possible.sum())
+        if accepted >= wanted:
             break
     else:
         raise UserError(
-            f"[spill]: its release lies on land, or in too thin an area: {have} of {TRIES * wanted:,} draws lay in "
+            f"[spill]: its release lies on land, or in too thin an area: {accepted} of {TRIES * wanted:,} draws lay in "
             "water; move or widen it, or check [coast] source"
         )
-    latent = np.concatenate(kept)[:wanted]
+    latent = np.concatenate(kept_latent)[:wanted]
     if proposal is None:
         if not members:
             return model.worlds(latent, np.zeros(wanted))
@@ -219,7 +225,7 @@ def draw_worlds(
 
 
 class _Model:
-    """How the latents of a spill become its unknowns; only what is uncertain has a latent."""
+    """Mapping from the latents of a spill to its unknowns; only uncertain ones have a latent."""
 
     def __init__(self, spill: Spill) -> None:
         self.spill = spill
@@ -233,15 +239,15 @@ class _Model:
         names += ["reporting"] if spill.reporting_bias > 0 else []
         self.names = tuple(names)
 
-    def of(self, latent: Real, name: str) -> Real:
-        """Return one latent, 0 where there is none."""
+    def latent_of(self, latent: Real, name: str) -> Real:
+        """Return one latent by name, 0 if it does not exist."""
         return latent[:, self.names.index(name)] if name in self.names else np.zeros(len(latent))
 
     def place(
         self, latent: Real
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
-        """Return releases [binary angle] and whether they are possible by the stated prior."""
-        lon, lat, possible = self.release.place(partial(self.of, latent))
+        """Return release positions [binary angle], and whether the prior allows them."""
+        lon, lat, possible = self.release.place(partial(self.latent_of, latent))
         return sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat)), possible
 
     def worlds(self, latent: Real, log_weight: Real) -> Worlds:
@@ -253,7 +259,8 @@ class _Model:
             if kind.sinking:
                 low, high = np.log(kind.sinking.time)
                 sinking[:, k] = np.exp(
-                    low + (high - low) * special.ndtr(self.of(latent, f"sinking {kind.name}"))
+                    low
+                    + (high - low) * special.ndtr(self.latent_of(latent, f"sinking {kind.name}"))
                 )
         return Worlds(
             latent=latent,
@@ -261,10 +268,10 @@ class _Model:
             log_weight=log_weight,
             lon=lon,
             lat=lat,
-            release=self.release.time(partial(self.of, latent)),
-            windage=np.exp(spill.windage_bias * self.of(latent, "windage")),
-            current_east=spill.current_bias * self.of(latent, "current_east"),
-            current_north=spill.current_bias * self.of(latent, "current_north"),
+            release=self.release.time(partial(self.latent_of, latent)),
+            windage=np.exp(spill.windage_bias * self.latent_of(latent, "windage")),
+            current_east=spill.current_bias * self.latent_of(latent, "current_east"),
+            current_north=spill.current_bias * self.latent_of(latent, "current_north"),
             sinking=sinking,
-            reporting=np.exp(spill.reporting_bias * self.of(latent, "reporting")),
+            reporting=np.exp(spill.reporting_bias * self.latent_of(latent, "reporting")),
         )

@@ -87,7 +87,7 @@ def plot_bridge(
 ) -> None:
     """Draw the answers into a PNG; polygons: of land [deg]; attributes: provenance, into the file."""
     bridge = asked.study.bridge
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     hours = (bridge.time[-1] - bridge.time[0]) / 3600
     about = (
         f"{len(asked.study.names)} way points, {hours:g} h, strays by K = {text.spread_rate(bridge.spread_rate)}: "
@@ -96,7 +96,7 @@ def plot_bridge(
     imprint = Imprint(
         asked.study.title, "; ".join(f"{k} {v}" for k, v in attributes.items()), attributes
     )
-    sheet.head(on, imprint, about)
+    sheet.write_head(on, imprint, about)
     axes = on.figure.add_axes(MAP)
     frame = _frame(asked)
     chart.prepare(axes, frame)
@@ -132,8 +132,8 @@ def plot_bridge(
         columnspacing=1.2,
         handlelength=2.6,
     )
-    with page.literal():
-        sheet.end(on, path, imprint)
+    with page.literal_text():
+        sheet.finish_page(on, path, imprint)
 
 
 def _means(frame: Frame, asked: Answers, count: int = 121) -> tuple[Array, Array]:
@@ -326,7 +326,7 @@ def _areas(axes: Axes, asked: Answers) -> None:
     axes.set_yticks(ticks, [f"{tick:,.0f}" for tick in ticks])
     axes.set_title("Areas [nmi²]", fontsize=9.5, loc="left", color=INK)
     axes.set_xlabel(
-        f"hours after {notation.group(np.datetime64(round(bridge.time[0]), 's'))}",
+        f"hours after {notation.format_dtg(np.datetime64(round(bridge.time[0]), 's'))}",
         fontsize=8.5,
         color=INK,
     )

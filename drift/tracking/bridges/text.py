@@ -27,7 +27,7 @@ def spread_rate(value: float) -> str:
 
 
 def _moment(seconds: float) -> str:
-    return notation.group(np.datetime64(round(seconds), "s"))
+    return notation.format_dtg(np.datetime64(round(seconds), "s"))
 
 
 def answers(found: Answers) -> Facts:

@@ -28,7 +28,7 @@ def doubts_about(study: Study) -> list[str]:
     if not isinstance(study.target, Detections):
         return told
     dry = [
-        f"{notation.percent(share, 0)} of the box of the plot of {notation.group(_moment(study, time))} is land: check its bearing and range, "
+        f"{notation.percent(share, 0)} of the box of the plot of {notation.format_dtg(_moment(study, time))} is land: check its bearing and range, "
         "and the tracker's position"
         for time, share in ashore(study).items()
         if share > MOST
@@ -88,7 +88,7 @@ def _inland(study: Study) -> list[str]:
         squares = shapely.STRtree(shapely.box(lon - wide, lat - high, lon + wide, lat + high))
         if (dry := np.sort(squares.query(polygons, predicate="covers")[1])).size:
             told.append(
-                f"the {who} is on land at {notation.group(_moment(study, float(time[dry[0]])))}, "
+                f"the {who} is on land at {notation.format_dtg(_moment(study, float(time[dry[0]])))}, "
                 f"{notation.position(float(lon[dry[0]]), float(lat[dry[0]]))}: check latitudes and longitudes, unless it flies"
             )
     return told
@@ -101,7 +101,7 @@ def _placed(study: Study, place: Array) -> tuple[Array, Array, Array]:
     return (
         sphere.near_degrees(lon, (box.west + box.east) / 2),
         lat,
-        coast.land("gshhg", box).polygons,
+        coast.read_land("gshhg", box).polygons,
     )
 
 
@@ -137,7 +137,7 @@ def _plots(study: Study, seen: Detections) -> list[str]:
     )
     for (time, number, *_), times in rows.items():
         if times > 1:
-            when = notation.group(_moment(study, float(time)))
+            when = notation.format_dtg(_moment(study, float(time)))
             told.append(
                 f"the plot of {when} by {study.sensors[number].name} stands {times} times: check for one that is missing"
             )
@@ -145,7 +145,7 @@ def _plots(study: Study, seen: Detections) -> list[str]:
         if speed > fastest * 1.001:
             digits = 0 if speed > fastest + KNOT else 2
             told.append(
-                f"the plot of {notation.group(_moment(study, time))} needs {speed / KNOT:,.{digits}f} kn from the one before, "
+                f"the plot of {notation.format_dtg(_moment(study, time))} needs {speed / KNOT:,.{digits}f} kn from the one before, "
                 f"fastest is {fastest / KNOT:.4g} kn: check both, or take a higher fastest"
             )
     for number, time in zip(seen.sensor, seen.time, strict=True):
@@ -156,7 +156,7 @@ def _plots(study: Study, seen: Detections) -> list[str]:
             and np.isfinite(sensor.on.begin)
             and not sensor.on.includes(float(time))
         ):
-            when = notation.group(_moment(study, float(time)))
+            when = notation.format_dtg(_moment(study, float(time)))
             told.append(
                 f"{sensor.name} was off when it detected something at {when}: check when it is on"
             )

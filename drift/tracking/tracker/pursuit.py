@@ -303,8 +303,8 @@ def check(asked: Pursuit) -> None:
         lasting = asked.interval * asked.steps
         if away > asked.speed * lasting:
             raise ValueError(
-                f"the destination is out of reach: {away / NMI:.1f} nmi from where it begins, which is {notation.lasting(60 * np.ceil(away / asked.speed / 60))} "
-                f"at {asked.speed / KNOT:.3g} kn, and its {asked.steps} steps last {notation.lasting(lasting)}"
+                f"the destination is out of reach: {away / NMI:.1f} nmi from where it begins, which is {notation.format_duration(60 * np.ceil(away / asked.speed / 60))} "
+                f"at {asked.speed / KNOT:.3g} kn, and its {asked.steps} steps last {notation.format_duration(lasting)}"
             )
     many = (2 * STRIDE * asked.steps + 1) ** 2 * asked.steps
     if many > MOST:

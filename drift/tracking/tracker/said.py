@@ -17,7 +17,7 @@ from geo.notation import KNOT, NMI
 def tracking_facts(study: Study) -> dict[str, str]:
     """Return a line for each part of a tracking case, by its name."""
     told = {
-        "time": f"{_moment(study, 0.0)} to {_moment(study, study.end)}, figures every {notation.lasting(study.every)}"
+        "time": f"{_moment(study, 0.0)} to {_moment(study, study.end)}, figures every {notation.format_duration(study.every)}"
     }
     told["cloud"] = f"{study.size:,} particles, seed {study.seed}"
     if isinstance(study.target, Scene):
@@ -26,7 +26,7 @@ def tracking_facts(study: Study) -> dict[str, str]:
         over = (
             ""
             if low <= 0 and high >= study.end
-            else f", over {notation.lasting(low)} to {notation.lasting(min(high, study.end))}"
+            else f", over {notation.format_duration(low)} to {notation.format_duration(min(high, study.end))}"
         )
         told["runs"] = (
             f"{study.runs:,}: {', '.join(figures(study.areas, study.criteria is not None))}{over}"
@@ -43,7 +43,7 @@ def tracking_facts(study: Study) -> dict[str, str]:
     if (chase := study.pursuit) is not None:
         told["pursuit"] = (
             f"to {chase.aim} it, from {notation.stated_position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}{_goal(chase)}, "
-            f"{chase.steps} looks every {notation.lasting(chase.interval)}, {notation.number(chase.speed / KNOT)} kn, within {notation.number(chase.reach / NMI)} nmi"
+            f"{chase.steps} looks every {notation.format_duration(chase.interval)}, {notation.number(chase.speed / KNOT)} kn, within {notation.number(chase.reach / NMI)} nmi"
         )
     doubted = doubts.doubts_about(study)
     return {**told, "warning": "; ".join(doubted)} if doubted else told
@@ -54,7 +54,7 @@ def _goal(chase: Pursuit) -> str:
 
 
 def _moment(study: Study, seconds: float) -> str:
-    return notation.group(np.datetime64(notation.epoch(study.start) + round(seconds), "s"))
+    return notation.format_dtg(np.datetime64(notation.epoch(study.start) + round(seconds), "s"))
 
 
 def _way(place: Array, rate: Array) -> str:
@@ -95,7 +95,7 @@ def _sensor(sensor: Sensor, written: bool) -> str:
     words = f"{words}; sweeps every {notation.number(sensor.interval)} s, {_on(sensor.on)}"
     silent = written and sensor.on.begin < math.inf
     return words + (
-        f"; its silence counts from {notation.lasting(sensor.grace)} off a plot within its reach"
+        f"; its silence counts from {notation.format_duration(sensor.grace)} off a plot within its reach"
         if silent
         else ""
     )
@@ -105,9 +105,9 @@ def _on(plan: Plan) -> str:
     if plan.begin == math.inf or plan.lasting == 0:
         return "off"
     if plan.lasting == math.inf:
-        return "on" if plan.begin == 0 else f"on from +{notation.lasting(plan.begin)}"
-    again = f" every {notation.lasting(plan.every)}" if plan.every < math.inf else ""
-    return f"on for {notation.lasting(plan.lasting)}{again} from +{notation.lasting(plan.begin)}"
+        return "on" if plan.begin == 0 else f"on from +{notation.format_duration(plan.begin)}"
+    again = f" every {notation.format_duration(plan.every)}" if plan.every < math.inf else ""
+    return f"on for {notation.format_duration(plan.lasting)}{again} from +{notation.format_duration(plan.begin)}"
 
 
 def _method(method: Tracker) -> str:
@@ -128,4 +128,4 @@ def _behaviour(law: Behaviour) -> str:
         f"{what} with {notation.hundredths(chance)} %" for what, chance in chances if chance > 0
     )
     soonest, latest = law.acts
-    return f"{each or 'keeps course and speed'} every {notation.lasting(soonest)} to {notation.lasting(latest)}, {most}"
+    return f"{each or 'keeps course and speed'} every {notation.format_duration(soonest)} to {notation.format_duration(latest)}, {most}"

@@ -40,7 +40,7 @@ def of_study(asked: Study) -> Shoreline | None:
     if not asked.minds_land:
         return None
     box = within_reach(asked)
-    land = shore.land("gshhg", box)
+    land = shore.read_land("gshhg", box)
     if not land.polygons.size:
         return None
     built = edges.build_coast(land, box)

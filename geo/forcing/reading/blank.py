@@ -20,7 +20,7 @@ from geo.forcing.reading.tile import Tile
 TRIED = 5  # number of slices in which a wet point is searched for
 
 
-def find(regridded: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
+def find_blank_slices(regridded: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
     """Return which of some slices of a tile are blank; none if no slice shows a wet point.
 
     among: slices in which a wet point is searched for.

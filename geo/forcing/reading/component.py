@@ -269,7 +269,7 @@ def _read_times(
         if not _same_values(wanted.name, own[chosen[k]], own[chosen[k + 1]]):
             raise UserError(
                 f"{path}: slices {chosen[k] + 1} and {chosen[k + 1] + 1} have the same time, "
-                f"{notation.group(when[chosen[k]])}, but different values; if the slices are "
+                f"{notation.format_dtg(when[chosen[k]])}, but different values; if the slices are "
                 f"evenly spaced, state [[{quantity}]] times = {{ start = ..., every = ... }}"
             )
     if repeated:
@@ -338,7 +338,7 @@ def _resolve_overlaps(
     notes: list[str],
 ) -> tuple[NDArray[np.datetime64], list[Slice]]:
     """Return times and slices of all files in order of time; notes on shared times are appended."""
-    order = overlap.resolved(times, slices, wanted.name, fixed, notes)
+    order = overlap.resolve_overlaps(times, slices, wanted.name, fixed, notes)
     return times[order], [slices[k] for k in order]
 
 
@@ -387,7 +387,7 @@ def _sort_dims(
         ):
             fixed[dim] = 0
     rest = [d for d in rest if d not in fixed]
-    member = members.along(data, rest, wanted.members) if len(rest) > horizontal else None
+    member = members.member_dim(data, rest, wanted.members) if len(rest) > horizontal else None
     if member is not None:
         fixed[member] = 0
         rest.remove(member)
@@ -396,7 +396,11 @@ def _sort_dims(
         raise UserError(
             f"{path}: {describe_dims(data, name)} has more than one {' and '.join(extra)}; "
             f"set [[{quantity}]] variables.{extra[0]} to an index"
-            + (", or members = true to drift in each" if members.named(data, extra[0]) else "")
+            + (
+                ", or members = true to drift in each"
+                if members.is_member_dim(data, extra[0])
+                else ""
+            )
         )
     if len(rest) < horizontal:
         raise UserError(
@@ -553,7 +557,7 @@ def _factor_to_mps(wanted: Wanted, file: File, notes: list[str]) -> float:
     if units is not None:
         if file_units and file_units.lower() != units.lower():
             notes.append(f'units {units} as the case says (the file says "{file_units}")')
-        return speed.factor(units)
+        return speed.factor_to_mps(units)
     if file_units in ("", "1", "unknown", "none"):
         inside = speed.inside_text(str(attributes.get("long_name", "")))
         if inside is None:
@@ -561,9 +565,9 @@ def _factor_to_mps(wanted: Wanted, file: File, notes: list[str]) -> float:
                 f'{path}: "{name}" has no units; state them with [[{quantity}]] units = "m/s"'
             )
         notes.append(f'units "{inside}" read from the long name')
-        return speed.factor(inside)
+        return speed.factor_to_mps(inside)
     try:
-        factor = speed.factor(file_units)
+        factor = speed.factor_to_mps(file_units)
     except UserError as error:
         raise UserError(
             f'{path}: "{name}": {error}; or state them with [[{quantity}]] units'

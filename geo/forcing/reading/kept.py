@@ -50,7 +50,7 @@ class Kept:
             return got
 
 
-class Finished:
+class SliceCache:
     """Slices that are ready to be sampled: true east and north, filled toward the coast.
 
     Two slices may share a key only if they are bitwise equal: slices of the same part of the same
@@ -104,7 +104,7 @@ class Shelf:
     """View of `Finished` for one part of a source."""
 
     part: Hashable
-    finished: Finished = field(repr=False)
+    finished: SliceCache = field(repr=False)
 
     def find(self, *key: Hashable) -> Array | None:
         """Return a slice of this part; None if it is absent."""

@@ -34,7 +34,7 @@ REFERENCES = ("coordinates", "grid_mapping")
 
 
 @dataclass(frozen=True)
-class Held:
+class NamedDataset:
     """A dataset in memory and its name in the case."""
 
     name: str
@@ -46,7 +46,7 @@ class Held:
         return f'dataset "{self.name}"'
 
 
-def hold(datasets: Any) -> dict[str, Held]:
+def wrap_datasets(datasets: Any) -> dict[str, NamedDataset]:
     """Return datasets by name as forcing; None gives an empty result.
 
     Raises UserError for a value that is not a dataset.
@@ -66,10 +66,10 @@ def hold(datasets: Any) -> dict[str, Held]:
             raise UserError(
                 f'datasets: "{name}" is a {type(data).__name__}; must be an xarray.Dataset{hint}'
             )
-    return {str(name): Held(str(name), data) for name, data in (datasets or {}).items()}
+    return {str(name): NamedDataset(str(name), data) for name, data in (datasets or {}).items()}
 
 
-def as_stored(held: Held) -> xr.Dataset:
+def as_stored(held: NamedDataset) -> xr.Dataset:
     """Return a dataset as `dataset.open_one` would return it from a file.
 
     Packing is resolved, and times are numbers since a date.

@@ -108,7 +108,7 @@ def _tile_at(nest: Nest, number: tuple[int, int]) -> Tile:
         if found is None:
             crops = _crop_at(nest.components, number, nest.box)
             assert crops is not None
-            found = tile.make(nest.components, crops, nest.axes, nest.box, nest.grid)
+            found = tile.build_tile(nest.components, crops, nest.axes, nest.box, nest.grid)
         nest.tiles[number] = found
         while len(nest.tiles) > TILES:
             del nest.tiles[next(iter(nest.tiles))]

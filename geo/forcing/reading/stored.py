@@ -100,7 +100,7 @@ def _exclusive(path: Path) -> Iterator[None]:
         with contextlib.suppress(OSError):
             lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         while lock is not None and not _try_lock(lock):
-            waiting.heed()
+            waiting.check_wait()
             time.sleep(POLL)
         yield
     finally:

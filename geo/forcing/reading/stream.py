@@ -26,12 +26,12 @@ Times = npt.NDArray[np.datetime64]
 Key = int | float  # index of a slice, or a time [s] between two slices
 
 
-def holes_of(source: Source) -> list[tuple[np.datetime64, np.datetime64]]:
+def data_gaps(source: Source) -> list[tuple[np.datetime64, np.datetime64]]:
     """Return the (begin, end) of the holes in a source's data; none for a gapless source."""
-    return [] if source.gapless else holes(source.times)
+    return [] if source.gapless else long_gaps(source.times)
 
 
-def holes(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
+def long_gaps(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
     """Return the (begin, end) of the gaps that are too long to be interpolated over."""
     if times.size < 2:
         return []
@@ -40,9 +40,9 @@ def holes(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
     return [(times[k], times[k + 1]) for k in wide]
 
 
-def spans(source: Source) -> list[tuple[np.datetime64, np.datetime64]]:
+def data_spans(source: Source) -> list[tuple[np.datetime64, np.datetime64]]:
     """Return the (begin, end) of the time spans with data, for a source that is not steady."""
-    inner = [end for hole in holes_of(source) for end in hole]
+    inner = [end for hole in data_gaps(source) for end in hole]
     ends = [source.times[0], *inner, source.times[-1]]
     return list(zip(ends[::2], ends[1::2], strict=True))
 

@@ -66,7 +66,7 @@ class Examined:
     notes: tuple[str, ...]
 
 
-def make(
+def build_tile(
     components: tuple[Component, Component],
     layouts: tuple[Layout, Layout],
     axes: str,
@@ -256,11 +256,15 @@ def _interpolate(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], N
     if tile.matrices is None:
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
     shape = (tile.grid.nlat, tile.grid.columns)
-    a, b = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, (x, y), strict=True))
+    a, b = (
+        regrid.regrid_values(m, v).reshape(shape)
+        for m, v in zip(tile.matrices, (x, y), strict=True)
+    )
     if tile.about_pole is not None:
         common = sphere.to_pole(*tile.about_pole, x, y)
         east, north = (
-            regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, common, strict=True)
+            regrid.regrid_values(m, v).reshape(shape)
+            for m, v in zip(tile.matrices, common, strict=True)
         )
         rows = np.abs(tile.grid.lat) > ABOUT_POLE
         lon, lat = np.radians(tile.grid.lon[: tile.grid.columns]), tile.grid.lat[rows][:, None]
@@ -272,7 +276,7 @@ def _to_vectors(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> V
     """Rotate interpolated components to east and north; NaN where either is missing."""
     result = np.empty((tile.grid.nlat, tile.grid.nlon, 2), np.float32)
     own = tile.grid.columns
-    result[:, :own, 0], result[:, :own, 1] = rotation.turn(x, y, tile.directions)
+    result[:, :own, 0], result[:, :own, 1] = rotation.rotate_vectors(x, y, tile.directions)
     if own < tile.grid.nlon:
         result[:, own:] = result[:, :1]
     result[np.isnan(result).any(axis=2)] = np.nan

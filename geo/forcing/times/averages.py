@@ -192,8 +192,8 @@ def _check_bounds(cells: Times, times: Times, name: str) -> None:
     if outside.size:
         k = int(outside[0])
         raise UserError(
-            f'"{name}" says that the slice of {notation.group(times[k])} is of {notation.group(cells[k, 0])} to '
-            f"{notation.group(cells[k, 1])}, which does not hold that time"
+            f'"{name}" says that the slice of {notation.format_dtg(times[k])} is of {notation.format_dtg(cells[k, 0])} to '
+            f"{notation.format_dtg(cells[k, 1])}, which does not hold that time"
         )
     middles = _middles(cells)
     if (
@@ -254,7 +254,7 @@ def slice_times(
     )
 
 
-def held(times: Times, cells: Times) -> tuple[Times, NDArray[np.int64]]:
+def add_interval_edges(times: Times, cells: Times) -> tuple[Times, NDArray[np.int64]]:
     """Return times with the outer edges of the first and the last interval added.
 
     The outermost means hold up to these edges. The second value is the index of the slice for each
@@ -301,7 +301,7 @@ def _describe_means(cells: Times, times: Times, moved: Times, why: str) -> str:
     shift = (
         ""
         if (moved == times).all()
-        else f"; the slice stamped {notation.group(times[0])} is given {notation.group(moved[0])}"
+        else f"; the slice stamped {notation.format_dtg(times[0])} is given {notation.format_dtg(moved[0])}"
     )
     return f"means over {over}, each placed at the middle of its interval ({why}){shift}; the first and last are held to the ends of their intervals"
 

@@ -227,7 +227,7 @@ def _snap_times(times: Times, grain: float) -> tuple[Times, int]:
     return times, 1
 
 
-def replaces(times: Any) -> bool:
+def states_times(times: Any) -> bool:
     """Return True if the times in a case replace the file's own."""
     return times is not None and not (isinstance(times, Mapping) and "start" not in times)
 

@@ -39,7 +39,7 @@ class _Run:
     version: NDArray[np.int64]  # ERA5's `expver`, 0 without
 
 
-def resolved(
+def resolve_overlaps(
     times: NDArray[np.datetime64],
     slices: Sequence[Slice],
     name: str,
@@ -64,7 +64,7 @@ def resolved(
             for run in runs[k + 1 :]:
                 shared = np.intersect1d(earlier.times, run.times)
                 if shared.size:
-                    most = COMPARED_REMOTE if dataset.remote(run.path) else COMPARED
+                    most = COMPARED_REMOTE if dataset.is_remote(run.path) else COMPARED
                     seen = len(same) + len(later) < most
                     equal = seen and _equal_values(earlier, run, shared, slices, name, fixed)
                     (same if equal else later if seen else unseen).append(
@@ -143,7 +143,8 @@ def _drop_overlap(
     if equal:
         return f"{os.path.basename(earlier.path)} and {os.path.basename(later.path)}"
     begin, end = (
-        notation.group(np.datetime64(t, "s")) for t in (first, min(last, int(earlier.times.max())))
+        notation.format_dtg(np.datetime64(t, "s"))
+        for t in (first, min(last, int(earlier.times.max())))
     )
     return f"{os.path.basename(later.path)} instead of {os.path.basename(earlier.path)} from {begin} to {end}"
 
@@ -161,7 +162,7 @@ def _equal_values(
     fixed: Mapping[str, int],
 ) -> bool:
     """Return True if two runs have equal values at the first, middle and last time they share."""
-    far = dataset.remote(later.path)
+    far = dataset.is_remote(later.path)
     for time in (
         {int(shared[0])}
         if far

@@ -132,7 +132,7 @@ def _split_runs(
 ) -> tuple[list[File], list[str]]:
     """Return one file for each run, without the slices that a later run has."""
     count = int(data.sizes[reference]) if reference else 1
-    if clock.replaces(times):  # the case states the times
+    if clock.states_times(times):  # the case states the times
         if count > 1:
             raise UserError(
                 f"{path}: times are stated for one run, and it holds {count} along {reference}; choose one by its index, "
@@ -168,7 +168,7 @@ def _split_runs(
         files.append((path, part.drop_vars(_time_variables(part)).assign({VALID: stamps})))
     note = f"valid times from {reference or _single_run_start(data)} and {lead}"
     if count > 1:
-        note += f", {count} runs from {notation.group(valid[starts[-1], 0])} to {notation.group(valid[starts[0], 0])}: "
+        note += f", {count} runs from {notation.format_dtg(valid[starts[-1], 0])} to {notation.format_dtg(valid[starts[0], 0])}: "
         note += "where they overlap the later run is taken"
     return files[::-1], [note]
 

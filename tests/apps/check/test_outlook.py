@@ -77,19 +77,19 @@ def test_holes_and_spans_of_times() -> None:
     times = run_setup + np.array([0, 10, 20, 50, 60, 91, 101]) * np.timedelta64(
         60, "s"
     )  # 30 min is three times the usual
-    assert [(a - run_setup, b - run_setup) for a, b in stream.holes(times)] == [
+    assert [(a - run_setup, b - run_setup) for a, b in stream.long_gaps(times)] == [
         (np.timedelta64(3600, "s"), np.timedelta64(5460, "s"))
     ]
     assert [
         (a - run_setup, b - run_setup)
-        for a, b in stream.spans(
+        for a, b in stream.data_spans(
             sources.uniform_field("current", times, 0 * np.arange(7), np.ones(7))
         )
     ] == [
         (np.timedelta64(0, "s"), np.timedelta64(3600, "s")),
         (np.timedelta64(5460, "s"), np.timedelta64(6060, "s")),
     ]
-    assert stream.holes(times[:1]) == stream.holes(times[:0]) == []
+    assert stream.long_gaps(times[:1]) == stream.long_gaps(times[:0]) == []
 
 
 @pytest.mark.parametrize("command", ["check", "run"])

@@ -87,7 +87,7 @@ def test_boxes_of_the_western_hemisphere() -> None:
     asked = grammar.parser().parse_args(["fetch", *words])
     box, _, _ = fetching.ordered_span(asked.case, asked.box, asked.begin, asked.end)
     assert (box.west, box.south, box.east, box.north) == (-98, 18, -80, 31)
-    left = given.box(
+    left = given.parse_box(
         grammar.parser().parse_args(["fit-bridge", "x.csv", "--without", "-98,18,-80,31"]).without
     )
     assert (left.west, left.south, left.east, left.north) == (-98, 18, -80, 31)

@@ -161,7 +161,7 @@ def test_attributes_that_cannot_be_read(
     broken, real = Damaged(), dataset.open_one
     broken.error = error
     reads: tuple[Callable[[Path], object], ...] = (
-        lambda path: describe.understand([path]),
+        lambda path: describe.open_quantities([path]),
         lambda path: sources.open_source("current", path),
     )
     for read in reads:
@@ -183,9 +183,9 @@ def test_faults_of_our_own_are_not_blamed_on_the_file() -> None:
     def ours() -> None:
         raise KeyError("x")
 
-    with pytest.raises(KeyError), dataset.readable(["f.nc"], "current"):
+    with pytest.raises(KeyError), dataset.reporting_damage(["f.nc"], "current"):
         ours()
-    with pytest.raises(UserError, match="KeyError"), dataset.readable(["f.nc"], "current"):
+    with pytest.raises(UserError, match="KeyError"), dataset.reporting_damage(["f.nc"], "current"):
         xr.Dataset()["x"]  # raised inside a library
 
 

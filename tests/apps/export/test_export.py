@@ -97,7 +97,7 @@ def test_kml_shows_the_areas_at_their_times(
         ):
             share = float(name.split()[0]) / 100
             time = notation.iso(np.datetime64(str(begin)[:19].replace("/", "-")))
-            assert name.endswith(notation.group(np.datetime64(time[:-1])))
+            assert name.endswith(notation.format_dtg(np.datetime64(time[:-1])))
             seen.add((time, share))
             plane = shapely.force_2d(shape)
             assert shapely.hausdorff_distance(plane, known[time, share]) <= math.sqrt(2) * HALF

@@ -9,7 +9,7 @@ import pytest
 from places import ROOT
 
 from drift.apps.fetch import catalogue, fetching
-from drift.apps.fetch.fetching import SHIP, box_of
+from drift.apps.fetch.fetching import SHIP, parse_box
 from drift.apps.fetch.order import Order, Shipment
 from geo.box import Box
 from geo.errors import UserError
@@ -55,6 +55,9 @@ def test_those_that_suit_are_chosen() -> None:
     past = np.datetime64("2020-05-01", "s")
     assert names(Box(4, 59, 7, 61), past, past + DAY) == ["hycom_gofs", "pacioos_gfs"]
     assert names(Box(4, 59, 7, 61), NOW, NOW + DAY, "meps", "norkyst") == ["norkyst", "meps"]
+    assert names(Box(4, 59, 7, 61), NOW, NOW + DAY, "meps", "meps")[1] == "meps"
+    with pytest.raises(UserError, match=r"meps: noaa_gfs is named for the wind already; name one"):
+        names(Box(4, 59, 7, 61), NOW, NOW + DAY, "noaa_gfs", "meps")
     with pytest.raises(UserError, match="current: no provider without credentials covers this box"):
         names(Box(4, 59, 7, 61), np.datetime64("1950-01-01", "s"), np.datetime64("1950-01-02", "s"))
 
@@ -100,9 +103,9 @@ def test_a_mistake_in_an_own_catalogue_is_told(tmp_path: Path, text: str, messag
 
 
 def test_boxes() -> None:
-    assert box_of("170,-10,-170,5") == box_of("170,-10,190,5") == Box(170, -10, 190, 5)
-    assert box_of("350,-10,370,5") == Box(-10, -10, 10, 5)
-    assert box_of("0,-80,360,80").east - box_of("0,-80,360,80").west == 360
+    assert parse_box("170,-10,-170,5") == parse_box("170,-10,190,5") == Box(170, -10, 190, 5)
+    assert parse_box("350,-10,370,5") == Box(-10, -10, 10, 5)
+    assert parse_box("0,-80,360,80").east - parse_box("0,-80,360,80").west == 360
     for text in ("1,2,3", "a,b,c,d", "4,61,7,59", "nan,1,2,3"):
         with pytest.raises(UserError, match="box"):
-            box_of(text)
+            parse_box(text)

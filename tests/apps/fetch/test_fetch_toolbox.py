@@ -15,7 +15,7 @@ from drift.apps.fetch import catalogue, parts, toolbox
 from drift.apps.fetch.order import Order
 from geo.box import Box
 from geo.errors import UserError
-from geo.files.web import Passing
+from geo.files.web import TemporaryError
 
 BEGIN = np.datetime64("2026-11-20T00:00:00", "s")
 
@@ -54,7 +54,7 @@ def test_what_the_toolbox_is_asked(
     )
     assert "--minimum-longitude 169.7500 --maximum-longitude 190.2500" in asked
     assert "--start-datetime 2026-11-19T21:00:00 --end-datetime 2026-11-21T14:59:59" in asked
-    with pytest.raises(Passing, match="wrote nothing"):
+    with pytest.raises(TemporaryError, match="wrote nothing"):
         shipment.parts[0].make(tmp_path / "part.nc")
 
 
@@ -63,7 +63,7 @@ def test_what_the_toolbox_is_asked(
     [
         ("Copernicus Marine username: Aborted!", UserError, "run copernicusmarine login once"),
         ("Dataset not found", UserError, "copernicusmarine: Dataset not found"),
-        ("Connection reset", Passing, "failed .Connection reset."),
+        ("Connection reset", TemporaryError, "failed .Connection reset."),
     ],
 )
 def test_its_failures_are_told(
@@ -83,7 +83,7 @@ def test_a_toolbox_that_hangs_is_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, order: Order
 ) -> None:
     program(tmp_path, monkeypatch, "import time; time.sleep(60)")
-    with pytest.raises(Passing, match=r"did not finish within 0\.5 s"):
+    with pytest.raises(TemporaryError, match=r"did not finish within 0\.5 s"):
         toolbox._run_toolbox(["subset"], 0.5)
 
 
@@ -92,4 +92,4 @@ def test_without_the_toolbox_it_is_said_how_to_get_it(
 ) -> None:
     monkeypatch.setattr(toolbox, "PROGRAM", "no-such-program")
     with pytest.raises(UserError, match=r"pip install -e '\.\[fetch\]'"):
-        parts.patiently(lambda: toolbox.ship(order), lambda line: None)
+        parts.retry(lambda: toolbox.ship(order), lambda line: None)

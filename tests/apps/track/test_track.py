@@ -81,7 +81,8 @@ def test_a_track_is_written(contact: tuple[Regained, Path]) -> None:
             assert told["area_nmi2"] == float(own[f"area_{share}_nmi2"])
             assert told["area_km2"] == pytest.approx(told["area_nmi2"] * 1.852**2, rel=1e-3)
             assert (
-                told["name"] == f"{share} % area {notation.group(np.datetime64(own['time'][:-1]))}"
+                told["name"]
+                == f"{share} % area {notation.format_dtg(np.datetime64(own['time'][:-1]))}"
             )
         assert most.area > half.area
         there = shapely.Point(float(own["lon"]), float(own["lat"]))
@@ -112,7 +113,7 @@ def test_a_track_is_written(contact: tuple[Regained, Path]) -> None:
         row = next(row for row in rows if row["time"] == one["time"])
         for key in ("course_deg", "course_spread_deg", "speed_kn", "speed_std_kn"):
             assert row[key] == f"{one[key]:.1f}"
-        words = text.track_facts(found)[notation.group(text.moment(found, time))]
+        words = text.track_facts(found)[notation.format_dtg(text.moment(found, time))]
         assert (
             f", course {round(one['course_deg']) % 360:03d} +- {one['course_spread_deg']:.0f}, "
             in words
@@ -207,7 +208,7 @@ def test_a_path_keeps_off_the_land_there_is(tmp_path: Path) -> None:
     assert isinstance(found.chased, Chased)
     way = found.chased.found.path
     lon, lat = path.degrees(way.at(np.linspace(way.time[0], way.time[-1], 4000))[0])
-    land = shapely.union_all(shore.land("gshhg", Box(-77.5, 17.0, -75.5, 19.0)).polygons)
+    land = shapely.union_all(shore.read_land("gshhg", Box(-77.5, 17.0, -75.5, 19.0)).polygons)
     assert shapely.LineString(
         [(-76 - 35 / 60, 17 + 50 / 60), (-76 - 14 / 60, 18 + 12 / 60)]
     ).intersects(land)
@@ -234,7 +235,7 @@ def test_no_path_crosses_land_from_or_to_harbours_either(box: Box, least: int) -
     wide = Box(box.west - 1, box.south - 1, box.east + 1, box.north + 1)
     land = shapely.union_all([
         shapely.intersection(shapely.affinity.translate(one, turn), shapely.box(wide.west, wide.south, wide.east, wide.north))
-        for one in shore.land("gshhg", wide).polygons for turn in (-360, 0, 360)
+        for one in shore.read_land("gshhg", wide).polygons for turn in (-360, 0, 360)
     ])  # fmt: skip
     shapely.prepare(land)
     rng, ends = np.random.default_rng(8), []
@@ -297,7 +298,7 @@ def test_where_there_is_no_land_nothing_is_closed() -> None:
     ).any()
     begin, end = path.vector(*np.radians([[-120.0, -119.0], [-40.0, -40.0]]))
     assert barrier.on_legs(begin, end[None]).tolist() == [False]
-    chase.check(asked, chase.land())
+    chase.check_pursuit(asked, chase.land())
 
 
 def test_legs_are_great_circles() -> None:
@@ -343,7 +344,7 @@ def test_a_square_is_closed_where_there_is_land_in_it_and_open_away_from_it(
     land = [
         polygon
         for box in (Box(-79.5, 16.5, -75, 19.7), Box(177, -19, 181, -16), Box(8, 76.5, 30, 80.5))
-        for polygon in shore.land("gshhg", box).polygons
+        for polygon in shore.read_land("gshhg", box).polygons
     ]
     tree = shapely.STRtree(
         [shapely.affinity.translate(polygon, turn) for polygon in land for turn in (-360, 0, 360)]
@@ -571,7 +572,7 @@ def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_agai
     """
     held = contact[0].held
     k = held.row(held.shown[2].time)
-    when = notation.group(text.moment(Regained(held), held.time[k]))
+    when = notation.format_dtg(text.moment(Regained(held), held.time[k]))
     assert held.within[k] == 0.5
     assert "outside the area" not in text.track_facts(Regained(held))[when]
     apart = tuple({0.5: held.areas[held.row(held.shown[0].time)][0.5], 0.9: own.get(0.9)} if j == k else own for j, own in enumerate(held.areas))  # fmt: skip
@@ -976,7 +977,7 @@ def test_plots_on_land_and_a_tracker_inland_are_told(tmp_path: Path) -> None:
     (tmp_path / "d.csv").write_text(log, encoding="utf-8")
     at = {"tracker.at": "'56 47.5N 11 41.5E'", "land": "turn", "sensor.0.bearing_ambiguity": "10"}
     asked = tracking.load(tmp_path / "c.toml", at)
-    land = shapely.union_all(shore.land("gshhg", Box(11.0, 56.4, 12.2, 57.0)).polygons)
+    land = shapely.union_all(shore.read_land("gshhg", Box(11.0, 56.4, 12.2, 57.0)).polygons)
     shares, middles = [], (np.arange(40) + 0.5) / 40
     for bearing, far in ((216, 6.2), (206, 6.3)):
         ways, ranges = np.meshgrid(bearing - 10 + 20 * middles, far * NMI * (0.95 + 0.1 * middles))

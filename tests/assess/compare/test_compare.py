@@ -327,7 +327,7 @@ def test_a_grid_of_the_first_case_is_that_of_both(search: drift.Case) -> None:
         ({"output": {"every": "5 h"}}, "only one of it and trial.toml has an output at 210500ZNOV26; make"),
         ({"output": {"areas": [50, 90]}}, "its areas are 50, 90 %, those of trial.toml 50, 75, 95 %"),
         ({"direction": "backward", "sortie": []}, "it runs backward, and trial.toml forward"),
-        ({"resampling": {"method": "kahn", "below": 0.5}}, 'resampling.method "kahn" holds slots to spare'),
+        ({"resampling": {"method": "kahn", "below": 0.5}}, 'resampling.method "kahn" reserves spare slots'),
     ],
 )  # fmt: skip
 def test_cases_that_do_not_compare_are_refused_in_a_line(
@@ -408,7 +408,7 @@ def test_what_both_sides_are_given_is_told(spill: drift.Case, tmp_path: Path) ->
     found = drift.compare(a, b, tmp_path / "out")
     assert found.given == ("1 find and 1 patrol", "1 find")
     words = text.comparison_facts(found)["given"]
-    assert words.startswith("A is weighed by 1 find and 1 patrol, B by 1 find")
+    assert words.startswith("A is weighted by 1 find and 1 patrol, B by 1 find")
     assert "--set find='[]' --set patrol='[]'" in words
     with open(tmp_path / "out" / "compare.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -489,7 +489,7 @@ def test_standard_errors_of_maps_are_the_spread_over_seeds() -> None:
         a, b, drawn = cloud(seed)
         made = maps(a, b, drawn, GRID, None, 40.0)
         pairs.append((made.difference, made.error))
-        on = cells.index(a.lon, a.lat, GRID) >= 0  # a few lie off it
+        on = cells.index_of_cells(a.lon, a.lat, GRID) >= 0  # a few lie off it
         assert made.a.sum() == pytest.approx(a.probability[on].sum())
     differences, errors = np.stack(pairs, axis=1)
     spread, error = differences.var(axis=0, ddof=1), np.mean(errors**2, axis=0)

@@ -96,10 +96,10 @@ def test_differences_are_of_runs_that_share_their_numbers() -> None:
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"figures": ["outputs.-1.area_nmi2.94%"]}, "no such number in the summary of this case, as it is; some are: outputs.-1.area_nmi2.95%"),
+        ({"figures": ["outputs.-1.area_nmi2.94%"]}, "no such number in the summary of this case (as it is); similar ones: outputs.-1.area_nmi2.95%"),
         ({"variants": {"x": {"duration": "1 parsec"}}}, "duration"),
-        ({"variants": {"as it is": {"particles": "100"}}}, 'variants "as it is": so the case is called without changes; take another name'),
-        ({"variants": {"a": {"seed": "9"}}}, 'variants "a": seed is of all variants, whose random numbers are common; give --seed'),
+        ({"variants": {"as it is": {"particles": "100"}}}, 'variants "as it is": this is the name of the unchanged case; take another name'),
+        ({"variants": {"a": {"seed": "9"}}}, 'variants "a": all variants share their random numbers, so a variant cannot set seed; give --seed'),
         ({"runs": 0}, "runs = 0 must be at least 1"),
     ],
 )  # fmt: skip
@@ -126,7 +126,7 @@ def test_two_variants_of_one_name_are_refused(
         str(tmp_path / "out"),
     ]
     assert commands.main(words) == 2
-    assert '--with "a": there are two of this name' in capsys.readouterr().err
+    assert '--with "a": the name is used twice' in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
@@ -232,8 +232,8 @@ def test_runs_that_are_all_alike_have_no_standard_error_of_rounding() -> None:
     alike[3] = np.nextafter(alike[3], 100)
     figure = Figure("track held", "%", alike[None])
     assert 0 < figure.error()[0] < 1e-12
-    assert text._told(figure.mean()[0], figure.error()[0]) == ("47.62",)
-    assert text._told(47.61904, 1e-7) == ("47.61904000", "+-", "0.00000010")
+    assert text._mean_and_error(figure.mean()[0], figure.error()[0]) == ("47.62",)
+    assert text._mean_and_error(47.61904, 1e-7) == ("47.61904000", "+-", "0.00000010")
 
 
 def test_differences_from_the_first_way_are_told(tmp_path: Path) -> None:

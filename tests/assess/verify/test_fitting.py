@@ -362,7 +362,7 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
     inside = time <= begin + 30 * 3600
     assert (~way.fresh[1:] == inside[1:]).all()
     assert (
-        f"{(~inside).sum() + 40 + 3} ways between fixes left out along which the forcing has no value"
+        f"{(~inside).sum() + 40 + 3} displacements between fixes left out: the forcing has no value there"
         in made.notes[-1]
     )
     share = (np.arange(2000) + 0.5) / 2000

@@ -261,7 +261,9 @@ def test_great_circles_are_straight_in_the_plane_of_a_line() -> None:
     x, y = sphere.destination(
         lon[0], lat[0], np.array([0, 0.3, 1]) * east, np.array([0, 0.3, 1]) * north
     )
-    found = gnomonic.line([(float(a), float(b)) for a, b in np.degrees(np.stack([x, y], axis=1))])
+    found = gnomonic.build_plane_line(
+        [(float(a), float(b)) for a, b in np.degrees(np.stack([x, y], axis=1))]
+    )
     a, b, c = found.corners
     # [m]
     assert abs(np.cross(np.append(b - a, 0), np.append(c - a, 0))[2]) / math.dist(a, c) < 0.01

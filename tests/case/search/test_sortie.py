@@ -573,7 +573,7 @@ def test_tracks_that_do_not_fit(tmp_path: Path) -> None:
     )
     plain = gpx(tmp_path, (-88, 27.5, None), (-88, 27.6, None), name="plain.gpx")
     line = refusal(tmp_path, SORTIE, WHEN, WIDTH, f"track = {plain}\n")
-    assert 'track: "plain.gpx": its points have no times; give speed and start' in line
+    assert 'track: "plain.gpx": its points have no times; give the speed and the start' in line
     fast = gpx(tmp_path, (-88, 27.0, 6), (-88, 29, 7))
     assert "is made at 120 kn; its speed is 90 kn" in refusal(
         tmp_path, SORTIE, WHEN, WIDTH, FAST, f"track = {fast}\n"

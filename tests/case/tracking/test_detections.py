@@ -130,7 +130,7 @@ def test_detections_in_the_case_are_those_of_a_file(tmp_path: File) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"+10 min"', '"+30 s"', "detection 2: time 2026-03-05T00:00:30Z is before that of the one above"),
+        ('"+10 min"', '"+30 s"', "detection 2: time 2026-03-05T00:00:30Z is before that of the line above"),
         ('"ears"', '"nose"', 'detection 2: no [[sensor]] "nose"; there are radar, ears'),
         ('"9.2 nmi"', '"-9.2 nmi"', "detection 1.range: range -9.2 nmi must be above 0"),
         ('"9.2 nmi"', "9.2", 'detection 1.range: range 9.2 has no unit; write it like "9.2 nmi"'),
@@ -182,7 +182,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
     assert chase.begin == 1800  # until when the track has it
     with pytest.raises(
         UserError,
-        match="begins 050030ZMAR26, and the case ends 050030ZMAR26: there is no step of 2 min between; give begin",
+        match="begins 050030ZMAR26, and the case ends 050030ZMAR26: no step of 2 min fits between; give begin",
     ):
         load(tmp_path, CASE.replace('"1 h"', '"30 min"') + pursuit, PLAIN)
     (tmp_path / "own.gpx").write_text(

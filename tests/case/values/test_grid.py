@@ -89,7 +89,7 @@ def test_cells_hold_what_does_not_lie_outside(place: tuple[float, float]) -> Non
     assert float(data["probability"].astype(float).sum()) == pytest.approx(
         1 - float(data.off_grid), abs=1e-5
     )
-    told = off_grid.warnings(made(table, cloud(*place)).data)
+    told = off_grid.fixed_grid_warnings(made(table, cloud(*place)).data)
     assert bool(told) == (share > off_grid.OFF)
 
 
@@ -127,12 +127,15 @@ def test_a_grid_across_the_antimeridian_runs_on() -> None:
 def test_a_grid_too_coarse_for_the_particles_says_so() -> None:
     # 16 by 36 m on cells of 500 m, of which maps are made on 16ths
     narrow = cloud(4.2, 60.3, size=0.004)
-    told = off_grid.warnings(made(grid(), cloud(4.2, 60.3), narrow).data)
+    told = off_grid.fixed_grid_warnings(made(grid(), cloud(4.2, 60.3), narrow).data)
     assert len(told) == 1
     assert "too coarse for the particles at 211830ZNOV26: areas are too large" in told[0]
-    assert off_grid.warnings(made(grid(), cloud(4.2, 60.3)).data) == []
+    assert off_grid.fixed_grid_warnings(made(grid(), cloud(4.2, 60.3)).data) == []
     assert (
-        off_grid.warnings(forecast_build.build_forecast([narrow], scenarios=["only"]).data) == []
+        off_grid.fixed_grid_warnings(
+            forecast_build.build_forecast([narrow], scenarios=["only"]).data
+        )
+        == []
     )  # these cells follow it
 
 

@@ -265,7 +265,7 @@ def test_interval_is_relative_to_the_start() -> None:
 def test_group_there_and_back(moment: datetime, hours: int) -> None:
     moment = moment.replace(second=0, microsecond=0)
     expected = np.datetime64(moment, "s")
-    assert units.time(notation.group(expected)) == expected
+    assert units.time(notation.format_dtg(expected)) == expected
     letters = "YXWVUTSRQPONZABCDEFGHIKLM"  # UTC-12 to UTC+12 (ACP 121)
     local = moment + timedelta(hours=hours)
     text = f"{local:%d%H%M}{letters[hours + 12]}{notation.MONTHS[local.month - 1]}{local.year}"

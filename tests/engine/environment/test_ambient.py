@@ -133,13 +133,15 @@ def test_what_flows_is_read_once_for_maps_and_report():
 
 def test_of_an_ensemble_the_mean_of_its_members() -> None:
     every = [
-        sources.constant("current", east, north)
+        sources.constant_field("current", east, north)
         for east, north in ((0.4, 0.0), (0.1, -0.3), (-0.2, 0.9))
     ]
     together = Sources(
         {
             "current": (
-                sources.ensemble([replace(one, label=str(k)) for k, one in enumerate(every)]),
+                sources.combine_members(
+                    [replace(one, label=str(k)) for k, one in enumerate(every)]
+                ),
             )
         }
     )

@@ -23,10 +23,10 @@ def test_a_chart_beyond_the_domain_has_the_land_there(tmp_path) -> None:
     ]
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     asked, domain = Coast(str(path), "strand"), Box(178.6, -17.9, 180.3, -16.4)
-    coast = shoreline.build_coast(shore.land(path, domain), domain)
-    land = coastline.lands(coast, asked)
+    coast = shoreline.build_coast(shore.read_land(path, domain), domain)
+    land = coastline.land_reader(coast, asked)
     assert land(Box(178.9, -17.3, 179.9, -16.8)) is coast.polygons
     wide = land(Box(178.9, -18.4, 184.6, -16.8))
     assert sorted(shapely.bounds(wide)[:, 0].round(6)) == [179.0, 183.8]  # unwrapped
     assert land(Box(178.7, -18.5, 184.7, -16.7)) is wide  # read once
-    assert coastline.lands(None, Coast("none", "strand"))(domain).size == 0
+    assert coastline.land_reader(None, Coast("none", "strand"))(domain).size == 0

@@ -368,7 +368,7 @@ def test_nothing_of_the_mediterranean_network_lies_on_land() -> None:
     """
     box, rng = Box(-7.0, 29.0, 36.0, 46.0), np.random.default_rng(3)
     chart = network_file.read_network(f"{cases.rpartition('/')[0]}/networks/mediterranean.toml")
-    found, land = chart.network, edges.build_coast(shore.land("gshhg", box), box)
+    found, land = chart.network, edges.build_coast(shore.read_land("gshhg", box), box)
 
     def dry(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
         return edges.is_land(

@@ -44,7 +44,7 @@ def test_the_reach_holds_what_drifts_as_fast_as_it_is_reckoned_with(
     hours = 30
     (tmp_path / "case.toml").write_text(CASE.format(lon=lon, lat=lat, object=name, hours=hours))
     case = drift.load(tmp_path / "case.toml")
-    found = leeway.find(name)
+    found = leeway.find_class(name)
     slope = max(abs(line.slope) for line in (found.down, found.right, found.left))
     far = (2.5 + 25 * slope) * hours * 3600
     box = domain.within_reach(run_setup.ensemble_spec(case))
@@ -69,7 +69,7 @@ def test_the_part_read_of_a_source_holds_the_box_and_little_more(seed: int) -> N
     width, height = np.exp(rng.uniform(np.log(0.05), np.log([150, 60])))
     west, south = rng.uniform(-180, 180), rng.uniform(-89, 89 - height)
     box = Box(west, south, west + width, south + height)
-    part = environment.part(box)
+    part = environment.box_to_read(box)
     for low, high, least, most, size in (
         (part.west, part.east, box.west, box.east, width),
         (part.south, part.north, box.south, box.north, height),
@@ -80,14 +80,16 @@ def test_the_part_read_of_a_source_holds_the_box_and_little_more(seed: int) -> N
     assert -90 <= part.south < part.north <= 90
     # A little to the side nearly all need the same part; whoever needs it is served by it.
     assert (
-        environment.part(Box(part.west, part.south, part.west + width, part.south + height)).west
+        environment.box_to_read(
+            Box(part.west, part.south, part.west + width, part.south + height)
+        ).west
         == part.west
     )
 
 
 def test_a_box_round_the_earth_is_read_whole() -> None:
-    assert environment.part(Box(-180, -60, 180, 60)) == Box(-180, -60, 180, 60)
-    assert environment.part(Box(1.5, -89, 360.7, 89)) == Box(-180, -90, 180, 90)
+    assert environment.box_to_read(Box(-180, -60, 180, 60)) == Box(-180, -60, 180, 60)
+    assert environment.box_to_read(Box(1.5, -89, 360.7, 89)) == Box(-180, -90, 180, 90)
 
 
 def test_common_part_of_boxes() -> None:

@@ -40,10 +40,10 @@ def faults(data: Path, tmp_path: Path) -> Path:
     if not (data / "faults").is_dir():
         pytest.skip("no folder of faulty inputs")
     for name in ("j1", "j14"):
-        shutil.copytree(data / "faults" / name, tmp_path / name)
+        shutil.copytree(data / "faults" / name, tmp_path / name, copy_function=shutil.copyfile)
     for path in (data / "faults").glob("*.*"):
         if path.stem in RIGHT | REMEDIES:
-            shutil.copy(path, tmp_path)
+            shutil.copyfile(path, tmp_path / path.name)  # which may be written, as path may not
     return tmp_path
 
 

@@ -76,34 +76,37 @@ def test_the_reach_of_what_takes_no_current_is_its_own_speed(case: drift.Case) -
     assert reach(domain.within_reach(spec(case, "swift"))) == pytest.approx(20.0, rel=1e-6)
     assert 2.5 <= drifting < 20
     assert reach(domain.within_reach(spec(case, None, "slow"))) == drifting
-    debris = replace(spec(case, "slow"), debris=(leeway.find("water"),))
+    debris = replace(spec(case, "slow"), debris=(leeway.find_class("water"),))
     assert reach(domain.within_reach(debris)) == drifting
 
 
 def test_the_utmost_reach_is_its_own_speed_too(case: drift.Case) -> None:
     asked = run_setup.environment_spec(case)
-    assert reach(domain.utmost(spec(case, "swift"), asked)) == pytest.approx(
+    assert reach(domain.outermost_box(spec(case, "swift"), asked)) == pytest.approx(
         20 * (1 + domain.FARTHEST), rel=1e-6
     )
-    drifting = reach(domain.utmost(spec(case, None), asked))
+    drifting = reach(domain.outermost_box(spec(case, None), asked))
     assert drifting > 5.9  # UTMOST_CURRENT and UTMOST_STOKES
-    assert reach(domain.utmost(spec(case, None, "slow"), asked)) == drifting
+    assert reach(domain.outermost_box(spec(case, None, "slow"), asked)) == drifting
 
 
 def test_the_coast_is_cut_only_where_all_is_lost_without_a_current(case: drift.Case) -> None:
     box = Box(0.0, 0.0, 8.0, 6.0)
-    part = replace(sources.constant("current", 0.3, 0.0), grid=Grid(2.0, 1.0, 1.0, 1.0, 4, 4))
-    assert coastline.around(spec(case, None), box, [part]).north < 4.5
+    part = replace(sources.constant_field("current", 0.3, 0.0), grid=Grid(2.0, 1.0, 1.0, 1.0, 4, 4))
+    assert coastline.coast_box(spec(case, None), box, [part]).north < 4.5
     for motions in (("slow",), (None, "slow")):
-        whole = coastline.around(spec(case, *motions), box, [part])
+        whole = coastline.coast_box(spec(case, *motions), box, [part])
         assert whole.south < box.south
         assert whole.north > box.north
-        assert whole == coastline.around(spec(case, *motions), box, [])  # with no current at all
+        assert whole == coastline.coast_box(spec(case, *motions), box, [])  # with no current at all
 
 
 def test_a_current_that_ends_ends_no_run_of_what_takes_none(case: drift.Case) -> None:
     asked = run_setup.environment_spec(case)
-    for refused in (spec(case, None), replace(spec(case, "slow"), debris=(leeway.find("water"),))):
+    for refused in (
+        spec(case, None),
+        replace(spec(case, "slow"), debris=(leeway.find_class("water"),)),
+    ):
         with pytest.raises(UserError, match="lasts from"):
             environment.open_for(refused, asked, {})
     environment.open_for(spec(case, "slow"), asked, {})

@@ -109,7 +109,9 @@ def test_its_tiles_hold_what_its_sources_say(tmp_path: Path) -> None:
 
 def test_a_run_may_go_where_its_ice_takes_it(tmp_path: Path) -> None:
     def north(case: drift.Case) -> float:
-        return domain.utmost(run_setup.ensemble_spec(case), run_setup.environment_spec(case)).north
+        return domain.outermost_box(
+            run_setup.ensemble_spec(case), run_setup.environment_spec(case)
+        ).north
 
     more = north(case_of(tmp_path, PACK)) - north(case_of(tmp_path, ""))
     assert more == pytest.approx(math.degrees(ICE.utmost * 6 * 3600 / sphere.RADIUS), rel=1e-9)
@@ -142,11 +144,13 @@ def test_where_it_has_no_value_a_run_is_lost_only_if_it_is_needed(
 
 def test_a_file_of_it_is_understood(tmp_path: Path) -> None:
     field(standard=NAMES).to_netcdf(tmp_path / "ice.nc")
-    assert [source.quantity for source in describe.understand(str(tmp_path / "ice.nc"))] == ["ice"]
+    assert [source.quantity for source in describe.open_quantities(str(tmp_path / "ice.nc"))] == [
+        "ice"
+    ]
     assert grammar.parser().parse_args(["info", "--as", "ice", "ice.nc"]).quantity == "ice"
     field(names=("a", "b"), standard=("x", "y")).to_netcdf(tmp_path / "other.nc")
     with pytest.raises(UserError, match="no current, wind, Stokes drift or drift of ice found"):
-        describe.understand(str(tmp_path / "other.nc"))
+        describe.open_quantities(str(tmp_path / "other.nc"))
 
 
 def test_drifters_are_compared_with_it(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def world(direction: int, place: dict[str, Any]) -> Scene:
                 "current", rows, 0.4 * np.cos(k), 0.3 * np.sin(0.7 * k), name="c"
             ),
         ),
-        "wind": (sources.constant("wind", direction * 6.1, direction * 4.7),),
+        "wind": (sources.constant_field("wind", direction * 6.1, direction * 4.7),),
     }
     island = shapely.Polygon([(-0.44, 0.1), (-0.25, 0.12), (-0.27, 0.31), (-0.42, 0.37)])
     land = Shore(np.array([island], object), "test", (), Box(-1.5, -1.5, 1.5, 1.5))

@@ -12,7 +12,7 @@ import shapely
 
 import drift
 from drift.engine.motion import simulate, step_size
-from drift.engine.motion.clock import Clock, breaks
+from drift.engine.motion.clock import Clock, off_lattice_times
 from drift.engine.motion.drift import COLUMNS, DRIFT
 from drift.engine.motion.forcing import Forcing, Sources
 from drift.engine.motion.model import Motion
@@ -284,7 +284,9 @@ def test_a_table_that_turns_between_steps_is_followed_exactly() -> None:
     )
     times = [T0 + seconds]
     for direction, start in ((1, T0), (-1, T0 + 172_800)):
-        clock = Clock(start, 172_800, direction, 3600, T0 % 3600, breaks(times, 3600, T0))
+        clock = Clock(
+            start, 172_800, direction, 3600, T0 % 3600, off_lattice_times(times, 3600, T0)
+        )
         (end,) = simulate.run(
             particles(1, -40.0, 0.0), scene(source, direction=direction), clock, np.array([172_800])
         )
@@ -393,7 +395,7 @@ def test_straight_pieces_are_as_long_as_chords_allow() -> None:
     assert trial.step == 3600
     turn = np.abs(np.diff(SPEED * np.sin(2 * np.pi * 3600 * np.arange(25) / PERIOD))).max() / 3600
     assert turn * trial.straight**2 / 8 == pytest.approx(curve.CHORD, rel=0.2)
-    still = sources.constant("current", 0.5, 0.2)
+    still = sources.constant_field("current", 0.5, 0.2)
     calm = step_size.choose_step(
         particles(200, -30.0, 40.0), scene(still), Clock(T0, 86_400, 1, 1), 3600, T0, np.inf, 20.0
     )

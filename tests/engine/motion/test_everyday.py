@@ -10,16 +10,16 @@ NAMES = tuple(leeway.classes())
 
 
 def found(words: str) -> set[str]:
-    return {drifter.name for drifter in leeway.search(words)}
+    return {drifter.name for drifter in leeway.search_classes(words)}
 
 
 @pytest.mark.parametrize("words", everyday.everyday_words())
 def test_every_word_finds_the_classes_that_it_stands_for(words: str) -> None:
-    meaning = everyday.meaning(words, NAMES)
+    meaning = everyday.classes_of_word(words, NAMES)
     assert meaning is not None
     assert meaning.classes
     assert meaning.classes <= found(words)
-    assert everyday.parts(words) == [words]  # a phrase is one
+    assert everyday.split_words(words) == [words]  # a phrase is one
 
 
 def test_every_pattern_of_classes_fits_some() -> None:

@@ -73,9 +73,9 @@ def drawn(which: list[int]) -> Ensemble:
 
 
 def world(which: list[int], shore: Coast) -> Scene:
-    blowing = sources.constant("wind", 6.1, 4.7)
+    blowing = sources.constant_field("wind", 6.1, 4.7)
     seas = [
-        Sources({"current": (sources.constant("current", east, north),), "wind": (blowing,)})
+        Sources({"current": (sources.constant_field("current", east, north),), "wind": (blowing,)})
         for east, north in ((0.43, -0.11), (0.29, 0.23))
     ]
     return Scene(

@@ -33,10 +33,10 @@ def figures(drifter: leeway.Drifter) -> list[float]:
 def test_published_figures() -> None:
     # Allen and Plourde 1999, table 8-1, and Breivik and Allen 2008, table 1 for the person in the
     # water.
-    assert figures(leeway.find("PIW-1")) == pytest.approx(
+    assert figures(leeway.find_class("PIW-1")) == pytest.approx(
         [0.96, 0, 12, 0.54, 0, 9.4, -0.54, 0, 9.4]
     )
-    raft = leeway.find("LIFE-RAFT-DB-10")
+    raft = leeway.find_class("LIFE-RAFT-DB-10")
     assert figures(raft) == pytest.approx([3.52, -2.5, 6.1, 0.62, -3.0, 3.5, -0.45, -0.2, 3.6])
     assert raft.jibes
     assert raft.uses_wind
@@ -50,7 +50,7 @@ def test_every_figure_as_transcribed() -> None:
     rows = [(lines[k].split()[0], lines[k + 1], lines[k + 2]) for k in range(0, 255, 3)]
     assert [name for name, _, _ in rows] == list(leeway.classes())
     for name, description, numbers in rows:
-        drifter = leeway.find(name)
+        drifter = leeway.find_class(name)
         assert figures(drifter) == pytest.approx(
             [float(text) for text in numbers.split()], abs=1e-12
         )
@@ -67,11 +67,13 @@ def test_table_is_whole() -> None:
         > 15
     )
     assert all(drifter.description for drifter in leeway.classes().values())
-    assert not leeway.find("SLDMB").uses_wind  # the datum marker buoy is built to follow the water
+    assert not leeway.find_class(
+        "SLDMB"
+    ).uses_wind  # the datum marker buoy is built to follow the water
 
 
 def test_error_at_10_metres_per_second_is_the_regressions() -> None:
-    line = leeway.find("PIW-3").right
+    line = leeway.find_class("PIW-3").right
     wind = np.array([0.0, 10.0, 20.0])
     np.testing.assert_allclose(
         line.slope_std * wind + line.offset_std, line.std * np.array([0.5, 1.0, 1.5])
@@ -79,8 +81,8 @@ def test_error_at_10_metres_per_second_is_the_regressions() -> None:
 
 
 def test_find_in_any_case_and_water() -> None:
-    assert leeway.find("sailboat-6B").name == "SAILBOAT-6b"
-    assert leeway.find("Water") == leeway.WATER
+    assert leeway.find_class("sailboat-6B").name == "SAILBOAT-6b"
+    assert leeway.find_class("Water") == leeway.WATER
     assert not leeway.WATER.uses_wind
 
 
@@ -95,15 +97,15 @@ def test_find_in_any_case_and_water() -> None:
 )
 def test_unknown_class_is_refused_with_the_nearest(name: str, words: str) -> None:
     with pytest.raises(UserError, match=words):
-        leeway.find(name)
+        leeway.find_class(name)
 
 
 def test_search_takes_every_word_and_looks_at_main_classes() -> None:
-    assert [drifter.name for drifter in leeway.search("life raft 15-50 LIGHT")] == [
+    assert [drifter.name for drifter in leeway.search_classes("life raft 15-50 LIGHT")] == [
         "LIFE-RAFT-DB-19"
     ]
-    assert len(leeway.search("")) == 85
-    assert leeway.search("raft spaceship") == []
+    assert len(leeway.search_classes("")) == 85
+    assert leeway.search_classes("raft spaceship") == []
 
 
 def lines(drifter: leeway.Drifter, seed: int = 5) -> record.Ensemble:
@@ -125,8 +127,8 @@ def test_downwind_lines_follow_the_normal_law_cut_at_slope_zero(name: str) -> No
 
     Of the raft, 11.5 standard deviations from slope 0, the law is the normal one to the last digit.
     """
-    line = leeway.find(name).down
-    ensemble = lines(leeway.find(name))
+    line = leeway.find_class(name).down
+    ensemble = lines(leeway.find_class(name))
     slope, offset = (
         ensemble.own[f"down_{what}"].to_numpy().astype(float) for what in ("slope", "offset")
     )
@@ -146,7 +148,7 @@ def test_moments_of_the_two_classes_that_the_cut_changes_most() -> None:
     phi(a/s) / Phi(a/s).
     """
     for name, mean, std in (("PIW-1", 0.110, 0.107), ("PIW-2", 0.0674, 0.0682)):
-        line, ensemble = leeway.find(name).down, lines(leeway.find(name))
+        line, ensemble = leeway.find_class(name).down, lines(leeway.find_class(name))
         ratio = line.slope / line.slope_std
         up = stats.norm.pdf(ratio) / stats.norm.cdf(ratio)
         exact = line.slope * 10 + line.std * up, line.std * np.sqrt(1 - ratio * up - up**2)
@@ -164,8 +166,8 @@ def test_crosswind_lines_keep_the_normal_law_whole() -> None:
     """The right line of PIW-2 has 0.15 +- 0.335 %: a third of the objects drift to the left of its
     mean's side.
     """
-    line = leeway.find("PIW-2").right
-    slope = lines(leeway.find("PIW-2")).own["right_slope"].to_numpy().astype(float)
+    line = leeway.find_class("PIW-2").right
+    slope = lines(leeway.find_class("PIW-2")).own["right_slope"].to_numpy().astype(float)
     assert stats.kstest(
         (slope - line.slope) / line.slope_std, stats.norm.cdf
     ).statistic < 1.95 / np.sqrt(N)
@@ -173,8 +175,8 @@ def test_crosswind_lines_keep_the_normal_law_whole() -> None:
 
 def test_what_needs_no_second_draw_keeps_its_bits() -> None:
     """Cut or not, a particle whose first slope is not negative has the same line, to the last bit."""
-    line = leeway.find("PIW-2").down
-    whole, half = record.empty(5, (0, N), COLUMNS), lines(leeway.find("PIW-2"))
+    line = leeway.find_class("PIW-2").down
+    whole, half = record.empty(5, (0, N), COLUMNS), lines(leeway.find_class("PIW-2"))
     figures = line.slope, line.offset, line.slope_std, line.offset_std
     draw.draw_object(
         0, N, 0, whole.own["down_slope"], whole.own["down_offset"], 0, *key(5), *figures, -np.inf
@@ -244,9 +246,9 @@ def test_as_many_go_upwind_as_the_law_says(name: str, wind: float) -> None:
 
     With (a, b) the line and s the slope's error, speed is a W + b + s (W + 10) xi.
     """
-    line = leeway.find(name).down
+    line = leeway.find_class(name).down
     east, north = 0.6 * wind, -0.8 * wind
-    way = adrift(lines(leeway.find(name)), east, north)
+    way = adrift(lines(leeway.find_class(name)), east, north)
     down = (0.6 * way[0] - 0.8 * way[1]) / 3600
     share = cut(line).cdf(-(line.slope * wind + line.offset) / (line.slope_std * (wind + 10)))
     # positions: 9 mm in 3600 s
@@ -262,10 +264,10 @@ def test_in_light_wind_lines_hold_as_published() -> None:
     """
     classes = leeway.classes()
     assert sum(drifter.lull > 0 for drifter in classes.values()) == 17
-    assert leeway.find("PIW-3").lull == pytest.approx(3.98 / 1.6)
-    assert leeway.find("SLDMB").lull == leeway.find("PIW-1").lull == 0
+    assert leeway.find_class("PIW-3").lull == pytest.approx(3.98 / 1.6)
+    assert leeway.find_class("SLDMB").lull == leeway.find_class("PIW-1").lull == 0
     ensemble = record.empty(5, (0, 1), COLUMNS)
-    line = leeway.find("PIW-3").down
+    line = leeway.find_class("PIW-3").down
     ensemble.own["down_slope"].fill(line.slope)
     ensemble.own["down_offset"].fill(line.offset)
     for wind, speed in ((1.0, -0.0238), (3.98 / 1.6, 0.0), (5.0, 0.0402)):

@@ -60,7 +60,7 @@ def test_steps_of_an_hour_close_to_the_pole(lat: float, east: float, north: floa
     ensemble = ensemble_at(179.9, lat, [0])
     (end,) = simulate.run(
         ensemble,
-        world(sources.constant("current", east, north)),
+        world(sources.constant_field("current", east, north)),
         Clock(T0, 43_200, 1, 3600),
         np.array([43_200]),
     )
@@ -133,7 +133,7 @@ def test_nobody_inland_where_land_lies_across_the_antimeridian() -> None:
     ensemble.lon.from_numpy(lon[wet])
     ensemble.lat.from_numpy(lat[wet])
     place = world(
-        sources.constant("current", 1.0, -0.5),
+        sources.constant_field("current", 1.0, -0.5),
         physics=kernel.Physics(diffusivity=2000.0),
         coast=device_coast.upload(coast),
     )
@@ -152,7 +152,7 @@ def test_the_account_is_of_the_end_of_the_run() -> None:
         int(sphere.to_binary(-1)), int(sphere.to_binary(-1)), edge + int(sphere.to_binary(1)), 2**24
     )
     ensemble = ensemble_at(0.0, 0.0, [0])
-    place = world(sources.constant("current", 1.0, 0.0), domain=box)
+    place = world(sources.constant_field("current", 1.0, 0.0), domain=box)
     (end,) = simulate.run(ensemble, place, Clock(T0, 4000, 1, 3600), np.array([4000]))
     assert end.status[0] == Status.ADRIFT
 
@@ -161,7 +161,9 @@ def test_the_spread_at_an_output_inside_a_step() -> None:
     """2 D t at any t, not only on the lattice; 20,000 draws: 1 % standard error, 5 % allowed."""
     lon, lat = -179.99, 61.0
     ensemble = ensemble_at(lon, lat, [0] * 20_000)
-    place = world(sources.constant("current", 0.0, 0.0), physics=kernel.Physics(diffusivity=100.0))
+    place = world(
+        sources.constant_field("current", 0.0, 0.0), physics=kernel.Physics(diffusivity=100.0)
+    )
     (early,) = simulate.run(ensemble, place, Clock(T0, 3600, 1, 3600), np.array([600]))
     way = np.array(
         sphere.offset(*np.radians([lon, lat]), early.lon * sphere.UNIT, early.lat * sphere.UNIT)

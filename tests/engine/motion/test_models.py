@@ -61,7 +61,7 @@ def both() -> tuple[Ensemble, Scene]:
     """Three particles that drift at 1 m/s to the east, and two that go north at 3 m/s and at 6 m/s."""
     ensemble = record.empty(5, (0, 3, 5), (*COLUMNS, SPEED))
     ensemble.own["speed"].from_numpy(np.array([0, 0, 0, 3, 6], np.float32))
-    current = Sources({"current": (sources.constant("current", 1.0, 0.0),)})
+    current = Sources({"current": (sources.constant_field("current", 1.0, 0.0),)})
     scene = Scene(
         Forcing([current, current], 1),
         (Motion(DRIFT, kernel.Physics()), Motion(NORTH, 1.5)),

@@ -72,7 +72,7 @@ def test_a_raft_ends_within_one_percent_of_where_opendrift_has_it(sources: Sourc
     ensemble = record.empty(1, (0, len(rows)), COLUMNS)
     ensemble.lon.from_numpy(sphere.to_binary(rows["lon"]))
     ensemble.lat.from_numpy(sphere.to_binary(rows["lat"]))
-    raft = leeway.find("LIFE-RAFT-DB-11")
+    raft = leeway.find_class("LIFE-RAFT-DB-11")
     for name, mirror in (("down", 1), ("right", -1), ("left", -1)):
         line = getattr(raft, name)
         ensemble.own[f"{name}_slope"].fill(mirror * line.slope)
@@ -107,7 +107,7 @@ def spreads(sources: Sources) -> dict[str, np.ndarray]:
     physics = kernel.Physics(0.1, 21_600.0, 1.5, 21_600.0, 0.0, -np.log(1 - 0.04) / 3600)
     words = key(9)
     for name, slots in zip(CLASSES, ensemble.slots, strict=True):
-        drift_model.draw_leeway(ensemble, slots, words, leeway.find(name))
+        drift_model.draw_leeway(ensemble, slots, words, leeway.find_class(name))
         draw.draw_error(
             *slots,
             ensemble.own["current_error_east"],

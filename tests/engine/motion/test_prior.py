@@ -194,7 +194,7 @@ def test_a_prior_partly_on_land_is_conditioned_on_water() -> None:
     drawn = prior.draw_ensemble(spec, device_coast.upload(grid))
     lon, lat = (c.to_numpy() * sphere.UNIT for c in (drawn.ensemble.lon, drawn.ensemble.lat))
     assert (np.degrees(lon) < -88).all()
-    assert prior.dry(spec, drawn.tried, None)[0] == pytest.approx(
+    assert prior.shares_on_land(spec, drawn.tried, None)[0] == pytest.approx(
         0.5, abs=4.5 * 0.5 / np.sqrt(2 * N)
     )
     east, north = sphere.offset(np.radians(-88), np.radians(27.5), lon, lat)

@@ -124,7 +124,10 @@ def test_a_shard_moves_as_within_the_whole(begun: tuple[run_setup.Start, Ensembl
                 ), name
     # and what shards know of their weights makes what the whole knows, whoever comes first
     sums = [record.weighed(own) for _, own, _ in alone]
-    merged, all_ = weights.merged([sums[2], sums[0], sums[1]]), record.weighed(begin.ensemble)
+    merged, all_ = (
+        weights.merge_weight_sums([sums[2], sums[0], sums[1]]),
+        record.weighed(begin.ensemble),
+    )
     assert np.array_equal(merged.log_sums, all_.log_sums)
     assert (merged.log_sum, merged.ess) == (all_.log_sum, all_.ess)
 

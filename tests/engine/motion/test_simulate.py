@@ -66,7 +66,7 @@ def test_every_particle_drifts_exactly_from_its_release_to_the_output(
     release, outputs = [0, 1000, 5000, 9001], [0, 777, 3600, 8000, 10_000]
     ensemble = ensemble_at(179.99, 10.0, release)
     clock = Clock(start, 10_000, direction, 900)
-    place = world(sources.constant("current", 0.6, -0.4), direction=direction)
+    place = world(sources.constant_field("current", 0.6, -0.4), direction=direction)
     for moment, t in zip(
         simulate.run(ensemble, place, clock, np.array(outputs)), outputs, strict=True
     ):
@@ -85,7 +85,7 @@ def test_more_outputs_and_another_start_of_the_lattice_change_no_bit() -> None:
     ends = []
     for outputs in ([36_000], [0, 1, 555, 7200, 20_001, 36_000]):
         ensemble = ensemble_at(5.0, 60.0, list(range(0, 20_000, 10)))
-        place = world(sources.constant("current", 0.1, 0.3), physics=physics)
+        place = world(sources.constant_field("current", 0.1, 0.3), physics=physics)
         ends.append(
             list(simulate.run(ensemble, place, Clock(T0, 36_000, 1, 600), np.array(outputs)))[-1]
         )
@@ -94,7 +94,7 @@ def test_more_outputs_and_another_start_of_the_lattice_change_no_bit() -> None:
     # The same particles in a run that begins two hours earlier: noise is keyed by the lattice step,
     # not by the run's.
     earlier = ensemble_at(5.0, 60.0, [r + 7200 for r in range(0, 20_000, 10)])
-    place = world(sources.constant("current", 0.1, 0.3), physics=physics)
+    place = world(sources.constant_field("current", 0.1, 0.3), physics=physics)
     (end,) = simulate.run(earlier, place, Clock(T0 - 7200, 43_200, 1, 600), np.array([43_200]))
     assert (end.lon == ends[0].lon).all()
 
@@ -140,7 +140,7 @@ def test_a_hole_in_the_times_is_missing_and_the_next_source_fills_it() -> None:
     hole = sources.uniform_field(
         "current", stamps([0, 600, 1200, 9000, 9600]), [1.0] * 5, [0.0] * 5
     )
-    backup = sources.constant("current", 0.0, 2.0, name="backup")
+    backup = sources.constant_field("current", 0.0, 2.0, name="backup")
     ensemble = ensemble_at(0.0, 0.0, [0])
     (end,) = simulate.run(ensemble, world(hole, backup), Clock(T0, 9600, 1, 600), np.array([9600]))
     east, north = moved(end, 0.0, 0.0)
@@ -229,7 +229,7 @@ def test_rival_forcing_is_a_matter_of_the_scenario() -> None:
     place = Scene(
         Forcing(
             [
-                Sources({"current": (sources.constant("current", *speed),)})
+                Sources({"current": (sources.constant_field("current", *speed),)})
                 for speed in ((1.0, 0.0), (0.0, 1.0))
             ],
             1,

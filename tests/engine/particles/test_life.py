@@ -67,7 +67,7 @@ def test_the_part_of_the_step_in_which_a_particle_moves() -> None:
 
 def test_what_is_over() -> None:
     stopped = (Status.ARRIVED, Status.AGROUND)
-    assert life.over(np.arange(len(Status))).tolist() == [
+    assert life.has_stopped(np.arange(len(Status))).tolist() == [
         status in (*ENDS, *stopped) for status in Status
     ]
 

@@ -72,14 +72,14 @@ def test_no_cut_changes_a_bit(many: int) -> None:
     code = RNG.integers(0, 5, N)
     for seed in range(3):
         parts = shards(seed, many)
-        both = partials.merged(
+        both = partials.merge_partials(
             [blocks.partial(values[slots], weight[slots]) for blocks, slots in parts]
         )
-        coded = partials.merged(
+        coded = partials.merge_partials(
             [blocks.partial(values[slots], code=code[slots], many=5) for blocks, slots in parts]
         )
-        sums = weights.merged(
-            [weights.weighed(log_weight[slots], blocks) for blocks, slots in parts]
+        sums = weights.merge_weight_sums(
+            [weights.sum_weights(log_weight[slots], blocks) for blocks, slots in parts]
         )
         for one, other in (
             (both, WHOLE.partial(values, weight)),
@@ -87,7 +87,7 @@ def test_no_cut_changes_a_bit(many: int) -> None:
         ):
             assert np.array_equal(one.by_scenario, other.by_scenario)
             assert np.array_equal(one.total, other.total)
-        alone = weights.weighed(log_weight, WHOLE)
+        alone = weights.sum_weights(log_weight, WHOLE)
         assert np.array_equal(sums.log_sums, alone.log_sums)
         assert (sums.log_sum, sums.ess) == (alone.log_sum, alone.ess)
 
@@ -109,10 +109,10 @@ def test_sums_are_those_of_exact_arithmetic() -> None:
     assert WHOLE.total(values[some], some) == pytest.approx(math.fsum(values[some]), abs=bound)
     family = np.sort(RNG.integers(0, 900, N))
     exact = [math.fsum(values[family == k]) for k in range(family.max() + 1)]
-    np.testing.assert_allclose(WHOLE.grouped(family, values), exact, rtol=0, atol=bound)
+    np.testing.assert_allclose(WHOLE.sum_by_group(family, values), exact, rtol=0, atol=bound)
     shuffled = RNG.permutation(family)  # not in runs: still right
     exact = [math.fsum(values[shuffled == k]) for k in range(family.max() + 1)]
-    np.testing.assert_allclose(WHOLE.grouped(shuffled, values), exact, rtol=0, atol=bound)
+    np.testing.assert_allclose(WHOLE.sum_by_group(shuffled, values), exact, rtol=0, atol=bound)
 
 
 def test_running_sums_never_fall_and_end_at_the_sum() -> None:
@@ -136,7 +136,7 @@ def test_weights_of_any_size_are_summed_without_overflow() -> None:
     for shift, (a, b) in zip((3000, -4000, 0, 700), itertools.pairwise(BOUNDS), strict=True):
         log_weight[a:b] += shift
     log_weight[5:900] = -np.inf
-    sums = weights.weighed(log_weight, WHOLE)
+    sums = weights.sum_weights(log_weight, WHOLE)
     exact = [
         special.logsumexp(log_weight[a:b].astype(float)) for a, b in itertools.pairwise(BOUNDS)
     ]
@@ -149,7 +149,7 @@ def test_weights_of_any_size_are_summed_without_overflow() -> None:
 
 
 def test_no_weight_at_all_has_no_sum() -> None:
-    sums = weights.weighed(np.full(N, -np.inf, np.float32), WHOLE)
+    sums = weights.sum_weights(np.full(N, -np.inf, np.float32), WHOLE)
     assert sums.log_sum == -np.inf
     assert (sums.log_sums == -np.inf).all()
 
@@ -157,5 +157,5 @@ def test_no_weight_at_all_has_no_sum() -> None:
 def test_an_empty_scenario_counts_as_nothing() -> None:
     blocks = partials.cut_blocks((0, 3, 3, 5), (0, 3, 3), (BLOCK,) * 3)
     assert blocks.partial(np.arange(5.0)).by_scenario[:, 0, 0].tolist() == [3, 0, 7]
-    sums = weights.weighed(np.log(np.arange(1.0, 6.0)).astype(np.float32), blocks)
+    sums = weights.sum_weights(np.log(np.arange(1.0, 6.0)).astype(np.float32), blocks)
     assert np.exp(sums.log_sums) == pytest.approx([6, 0, 9])

@@ -51,7 +51,7 @@ class Cloud:
 def drawn(cloud: Cloud, how: str, event: int) -> tuple[Array, Array, Array]:
     """Return the scenario, the weight and the place of each particle that was drawn again."""
     if how == "across":
-        ancestors, new, bounds = resample.across(
+        ancestors, new, bounds = resample.resample_across_scenarios(
             cloud.log_weight, cloud.ranges, cloud.n, (15, event)
         )
         owner = record.owners(bounds)

@@ -94,7 +94,7 @@ def test_across_scenarios_each_particle_has_its_expected_offspring() -> None:
     ranges = list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
     rounds, count = 500, np.zeros(n)
     for k in range(rounds):
-        ancestors, new, laid = resample.across(log_weight, ranges, n, (7, k))
+        ancestors, new, laid = resample.resample_across_scenarios(log_weight, ranges, n, (7, k))
         copies = np.bincount(ancestors, minlength=n)
         owner = record.owners(laid)
         assert np.array_equal(scenario[ancestors], owner)
@@ -131,7 +131,7 @@ def test_half_are_effective_where_three_of_300_scenarios_hold_all_but_one_percen
     )
     ranges = [(k * each, (k + 1) * each) for k in range(many)]
     _, within, _ = resample.offspring(log_weight, ranges, [each] * many, "systematic", (7, 1))
-    _, across, bounds = resample.across(log_weight, ranges, many * each, (7, 1))
+    _, across, bounds = resample.resample_across_scenarios(log_weight, ranges, many * each, (7, 1))
     found = [
         weights.effective(np.exp(new.astype(float))) / (many * each) for new in (within, across)
     ]

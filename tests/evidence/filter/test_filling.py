@@ -203,7 +203,7 @@ radius = "6 nmi"
             'scenario "boat" drifts, follows',
         ),
         ('time = "+20 min"', 'time = "+0 min"', "at the start of the run"),
-        ("time = ", "belief = 0.5\ntime = ", "there is none that could"),
+        ("time = ", "belief = 0.5\ntime = ", "no contact of the case allows it"),
         ("[resampling]", '[plan]\nbegin = "+50 min"\n[resampling]', "a plan is made on particles"),
         (
             "[resampling]",
@@ -235,7 +235,7 @@ def test_shards_are_refused(tmp_path):
 
 def at(contact, n=40_000):
     """Return places (lon, lat) [rad] that a contact gives."""
-    return filling.places(contact, n, np.random.default_rng(8))
+    return filling.draw_positions(contact, n, np.random.default_rng(8))
 
 
 def seen(kind, **more):

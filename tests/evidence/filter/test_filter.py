@@ -20,7 +20,7 @@ from drift.engine.particles.status import Status
 from drift.evidence.filter.debris import debris
 from drift.evidence.filter.detection import sensor_path
 from drift.evidence.filter.filter import SearchFilter
-from drift.evidence.filter.meeting import Drawn
+from drift.evidence.filter.meeting import Resampled
 from drift.evidence.filter.records import (
     Barrier,
     Contact,
@@ -864,7 +864,10 @@ def test_debris_has_coefficients_of_its_own(tmp_path):
             minor=5000.0,
             drifter=drifter,
         )
-        for name, drifter in (("twin", bare.scenarios[0].object), ("oar", leeway.find("PIW-1")))
+        for name, drifter in (
+            ("twin", bare.scenarios[0].object),
+            ("oar", leeway.find_class("PIW-1")),
+        )
     )
     case = dataclasses.replace(bare, contacts=seen)
     runtime.start()
@@ -894,7 +897,7 @@ def test_object_and_debris_part_inside_a_step(tmp_path):
     """
     n, diffusivity = 40_000, 30.0
     text = STILL.replace("30 min", "1 h").replace('"6 h"', '"1 h"') + NORMAL.format(d=diffusivity)
-    drifters = {"oar": leeway.find("PIW-1"), "raft": leeway.find("LIFE-RAFT-DB-10")}
+    drifters = {"oar": leeway.find_class("PIW-1"), "raft": leeway.find_class("LIFE-RAFT-DB-10")}
     fix = {"kind": "position", "fixes": (Fix(-179.9, 30.1),), "major": 5e4, "minor": 5e4}
     contacts = tuple(
         Contact(name, hours(0.5), **fix, drifter=drifter) for name, drifter in drifters.items()
@@ -903,7 +906,7 @@ def test_object_and_debris_part_inside_a_step(tmp_path):
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
     search, bends = run_setup.search(case, begin), []
-    first, take_effect = begin.ensemble.lat.to_numpy().astype(float), search.take_effect
+    first, apply_evidence = begin.ensemble.lat.to_numpy().astype(float), search.apply_evidence
 
     def effect(time, place):
         """Note how far north of the middle of its step debris is seen [m]."""
@@ -917,9 +920,9 @@ def test_object_and_debris_part_inside_a_step(tmp_path):
             )
             return lon, lat
 
-        take_effect(time, noted)
+        apply_evidence(time, noted)
 
-    search.take_effect = effect
+    search.apply_evidence = effect
     (moment,) = simulate.run(
         begin.ensemble, begin.scene, begin.clock, np.array([1800]), search=search
     )
@@ -942,7 +945,7 @@ def test_copies_ashore_begin_their_waits_anew_debris_too(tmp_path):
         "[-179.99, 30.0]", "[-0.2, 0.1]"
     )
     fix = {"kind": "position", "fixes": (Fix(-0.2, 0.1),), "major": 5e3, "minor": 5e3}
-    contact = Contact("oar", hours(2), **fix, drifter=leeway.find("PIW-1"))
+    contact = Contact("oar", hours(2), **fix, drifter=leeway.find_class("PIW-1"))
     case = load(
         tmp_path,
         text,
@@ -961,8 +964,10 @@ def test_copies_ashore_begin_their_waits_anew_debris_too(tmp_path):
         )
         ensemble.status_since.fill(17)
     log_weight, layout = begin.ensemble.log_weight.to_numpy(), begin.ensemble.layout
-    search.redraw(
-        Drawn(*resample.offspring(log_weight, [(0, 2000)], [2000], "systematic", (1, 1)), layout),
+    search.resample_all(
+        Resampled(
+            *resample.offspring(log_weight, [(0, 2000)], [2000], "systematic", (1, 1)), layout
+        ),
         7200,
     )
     for ensemble in (begin.ensemble, beside.ensemble):
@@ -1106,7 +1111,7 @@ def test_what_strands_or_goes_adrift_within_a_step_is_where_it_is():
     ensemble.status.from_numpy(np.array([1, 1], np.int32))
     ensemble.status_since.from_numpy(np.array([182, 2000], np.int32))
     ensemble.release.from_numpy(np.array([0, 1000], np.int32))
-    still = sensor_path.standing(0.0, 0.0, 0, 3600)
+    still = sensor_path.path_of_fixed_sensor(0.0, 0.0, 0, 3600)
     ring = np.array([-100.0, -100.0, 100.0, -100.0, 100.0, 100.0, -100.0, 100.0])
     for cuts in ([0, 3600], [0, 100, 1950, 3600]):
         exposure = runtime.empty(2)

@@ -55,8 +55,11 @@ def test_a_marker_drifts_in_the_mean_of_the_members() -> None:
     """Three uniform currents: at the equator it goes by their mean."""
     runtime.start()
     flow = np.array([[0.5, 0.1], [-0.1, 0.2], [0.2, -0.9]])
-    every = sources.ensemble(
-        [replace(sources.constant("current", *own), label=str(k)) for k, own in enumerate(flow)]
+    every = sources.combine_members(
+        [
+            replace(sources.constant_field("current", *own), label=str(k))
+            for k, own in enumerate(flow)
+        ]
     )
     marker, field = Marker(10.0, 0.0, 0.0, 0), Forcing([Sources({"current": (every,)})], 1)
     field.set(0, HOUR)

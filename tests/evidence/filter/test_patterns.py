@@ -201,19 +201,19 @@ def test_a_cut_keeps_its_share_of_the_track_s_length(
 
 
 def test_what_lies_between_two_times() -> None:
-    legs = polyline.through(
+    legs = polyline.legs_through(
         [0, 10, 20, 30], [179.9, -179.9, -179.7, -179.7], [0, 0, 0, 0.1], [True, False, True]
     )
     assert legs.lon == pytest.approx([179.9, 180.1, 180.3, 180.3])
-    part = polyline.between(legs, 5, 25)
+    part = polyline.legs_between(legs, 5, 25)
     assert part.time == (5, 10, 20, 25)
     assert part.lon == pytest.approx([180.0, 180.1, 180.3, 180.3])
     assert part.lat == pytest.approx([0, 0, 0, 0.05])
     assert part.searching == (True, False, True)
-    assert polyline.between(legs, 10, 20).searching == (False,)
-    assert polyline.between(legs, -5, 99) is legs
+    assert polyline.legs_between(legs, 10, 20).searching == (False,)
+    assert polyline.legs_between(legs, -5, 99) is legs
     with pytest.raises(ValueError, match="between these times"):
-        polyline.between(legs, 30, 40)
+        polyline.legs_between(legs, 30, 40)
 
 
 def test_a_thinned_track_is_never_far_from_where_it_was() -> None:
@@ -224,24 +224,24 @@ def test_a_thinned_track_is_never_far_from_where_it_was() -> None:
     swept = patterns.parallel(PLACES[1], 10 * NMI, 4 * NMI, 0.3, NMI, START, SPEED).legs
     times = np.linspace(swept.time[0], swept.time[-1], 4000)
     lon, lat = np.array([polyline.position_at(swept, time) for time in times]).T
-    noisy = polyline.through(
+    noisy = polyline.legs_through(
         times, lon + generator.normal(0, 5e-5, 4000), lat + generator.normal(0, 5e-5, 4000)
     )
-    thin = polyline.thinned(noisy, 25.0)
+    thin = polyline.thin_legs(noisy, 25.0)
     assert 8 <= len(thin.lon) < 60
     away = [
         GLOBE.inv(*polyline.position_at(thin, time), x, y)[2]
         for time, x, y in zip(times, noisy.lon, noisy.lat, strict=True)
     ]  # fmt: skip
     assert max(away) < 25.1
-    assert polyline.thinned(swept, 1.0) == swept
+    assert polyline.thin_legs(swept, 1.0) == swept
 
 
 def test_legs_of_search_are_not_joined_to_others() -> None:
-    straight = polyline.through(
+    straight = polyline.legs_through(
         np.arange(6.0), np.arange(6) * 1e-3, np.zeros(6), [True, True, False, False, True]
     )
-    thin = polyline.thinned(straight, 10.0)
+    thin = polyline.thin_legs(straight, 10.0)
     assert thin.time == (0, 2, 4, 5)
     assert thin.searching == (True, False, True)
 
@@ -251,7 +251,7 @@ def test_the_outline_of_what_was_searched() -> None:
     nmi.
     """
     legs = patterns.fly([179.95, 180.15], [0.0, 0.0], 0.0, 10.0)
-    area = polyline.strip(legs, NMI)
+    area = polyline.search_strip(legs, NMI)
     length = polyline.lengths(legs).sum() / NMI
     size = patterns.square_metres(area) / NMI**2
     assert size == pytest.approx(2 * length + 3.06, rel=0.01)
@@ -266,5 +266,7 @@ def test_square_metres_of_an_octant() -> None:
 
 def test_a_track_without_length() -> None:
     with pytest.raises(ValueError, match="no length"):
-        polyline.fly([5, 5], [50, 50], 0.0, 10.0)
-    assert polyline.fly([5, 5, 6], [50, 50, 50], 0.0, 10.0, [True, False]).searching == (False,)
+        polyline.legs_at_speed([5, 5], [50, 50], 0.0, 10.0)
+    assert polyline.legs_at_speed([5, 5, 6], [50, 50, 50], 0.0, 10.0, [True, False]).searching == (
+        False,
+    )

@@ -30,8 +30,10 @@ def test_on_land_and_in_the_water(west):
         return sonar(((west + dlon + 180) % 360 - 180, lat))
 
     with pytest.raises(UserError, match='sensor "array": it is a sonar and stands on land'):
-        afloat.refuse([at(0.2, 10.3)], island(west))
-    afloat.refuse([at(0.5, 10.5), at(-0.1, 10.3), at(0.2, 11.2), sonar(None)], island(west))
+        afloat.check_sonars_in_water([at(0.2, 10.3)], island(west))
+    afloat.check_sonars_in_water(
+        [at(0.5, 10.5), at(-0.1, 10.3), at(0.2, 11.2), sonar(None)], island(west)
+    )
 
 
 def test_a_radar_may_stand_on_land():
@@ -41,4 +43,4 @@ def test_a_radar_may_stand_on_land():
         bearing=np.zeros(1),
         range=np.array([0.0, 1e4]),
     )
-    afloat.refuse([Sensor("radar", pod, (-69.8, 10.3))], island(-70.0))
+    afloat.check_sonars_in_water([Sensor("radar", pod, (-69.8, 10.3))], island(-70.0))

@@ -34,7 +34,7 @@ def norway():
     shapely sees it.
     """
     runtime.start()
-    land = shore.land("gshhg", NORWAY)
+    land = shore.read_land("gshhg", NORWAY)
     built = edges.build_coast(land, NORWAY)
     polygons = on_lattice(land.polygons)
     shapely.prepare(polygons)
@@ -147,7 +147,7 @@ def test_crossings_agree_with_shapely(norway, length):
     np.minimum.at(nearest, owner, away)
     reached = found.fraction[which].astype(float) * np.hypot(dlon, dlat)[which]
     assert np.abs(reached - nearest).max() < 2
-    edge = edges.edges(norway[0])[found.edge_id[which]].reshape(-1, 2, 2).astype(float)
+    edge = edges.shoreline_edges(norway[0])[found.edge_id[which]].reshape(-1, 2, 2).astype(float)
     place = (
         np.stack([lon, lat], 1)[which]
         + found.fraction[which, None].astype(float) * np.stack([dlon, dlat], 1)[which]
@@ -320,7 +320,7 @@ def test_no_coast():
     assert edges.nearest_coast(built, 0, 45) is None
     found = crossing.crossings(device, [0], [45 * 2**23], [2**28], [-(2**27)])
     assert (found.hit[0], found.lon[0], found.lat[0]) == (False, 2**28, 45 * 2**23 - 2**27)
-    assert shore.land("none", Box(0, 0, 1, 1)).polygons.size == 0
+    assert shore.read_land("none", Box(0, 0, 1, 1)).polygons.size == 0
     assert crossing.wet(device, [0], [0]).all()
 
 
@@ -338,7 +338,7 @@ def test_island_cut_at_the_antimeridian_is_whole(tmp_path):
     path = tmp_path / "island.geojson"
     path.write_text(shapely.to_geojson(shapely.MultiPolygon([west, east])))
     box = Box(177, -19, 183, -14)
-    land = shore.land(path, box)
+    land = shore.read_land(path, box)
     assert len(land.polygons) == 1
     built = edges.build_coast(land, box)
     device = crossing.upload(built)
@@ -365,8 +365,8 @@ def test_island_cut_at_the_antimeridian_is_whole(tmp_path):
 
 def test_fiji_has_no_shore_along_the_antimeridian():
     box = Box(178, -18, 182, -15)
-    built = edges.build_coast(shore.land("gshhg", box), box)
-    edge = edges.edges(built)
+    built = edges.build_coast(shore.read_land("gshhg", box), box)
+    edge = edges.shoreline_edges(built)
     along = (edge[:, 0] == -(2**31)) & (edge[:, 2] == -(2**31))
     assert not along.any()
     # Taveuni, which GSHHG cuts at 180
@@ -427,7 +427,7 @@ def test_globe_closes_at_its_seam():
     ],
 )
 def test_noaa_shoreline(name, box, wet, dry):
-    land = shore.land(data(name), box)
+    land = shore.read_land(data(name), box)
     assert any("map bounds" in note for note in land.notes)
     built = edges.build_coast(land, box)
     points = sphere.to_binary([wet, dry])
@@ -444,7 +444,7 @@ def test_self_crossing_shoreline_is_repaired(tmp_path):
     bow = {"type": "Polygon", "coordinates": [[[0, 0], [2, 2], [2, 0], [0, 2], [0, 0]]]}
     path = tmp_path / "bow.geojson"
     path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": bow}))
-    land = shore.land(path, Box(-1, -1, 3, 3))
+    land = shore.read_land(path, Box(-1, -1, 3, 3))
     assert any("1 of 1" in note and "repaired" in note for note in land.notes)
     built = edges.build_coast(land, Box(-1, -1, 3, 3))
     lon, lat = sphere.to_binary([0.5, 1.5, 1.0, 1.0]), sphere.to_binary([1.0, 1.0, 0.5, 1.5])
@@ -456,7 +456,7 @@ def test_overlapping_polygons_are_joined(tmp_path):
     path.write_text(
         shapely.to_geojson(shapely.MultiPolygon([square(0, 0, 2, 1), square(1, 0.5, 3, 2)]))
     )
-    built = edges.build_coast(shore.land(path, Box(-1, -1, 4, 3)), Box(-1, -1, 4, 3))
+    built = edges.build_coast(shore.read_land(path, Box(-1, -1, 4, 3)), Box(-1, -1, 4, 3))
     assert edges.is_land(built, *sphere.to_binary([1.5, 0.75]))
 
 
@@ -473,7 +473,7 @@ def test_shapefile_in_metres(tmp_path):
         geometry_type="Polygon",
         crs="EPSG:32632",
     )
-    land = shore.land(tmp_path / "utm.shp", Box(8, 59, 12, 62))
+    land = shore.read_land(tmp_path / "utm.shp", Box(8, 59, 12, 62))
     assert any("UTM" in note for note in land.notes)
     west, south, _, _ = shapely.total_bounds(land.polygons)
     assert west == pytest.approx(9.0, abs=1e-6)
@@ -504,7 +504,7 @@ def test_bad_shoreline_is_one_clear_line(tmp_path, name, content, words):
     if content is not None:
         path.write_text(content)
     with pytest.raises(UserError, match=words) as error:
-        shore.land(path, Box(0, 0, 2, 2))
+        shore.read_land(path, Box(0, 0, 2, 2))
     assert "\n" not in str(error.value)
     assert name in str(error.value)
 
@@ -512,12 +512,12 @@ def test_bad_shoreline_is_one_clear_line(tmp_path, name, content, words):
 def test_a_shoreline_elsewhere_is_said(tmp_path):
     path = tmp_path / "far.bna"
     path.write_text('"1","1",3\n50,0\n51,0\n51,1\n')
-    assert any("none of its land" in note for note in shore.land(path, Box(0, 0, 2, 2)).notes)
+    assert any("none of its land" in note for note in shore.read_land(path, Box(0, 0, 2, 2)).notes)
 
 
 def test_land_beyond_the_cut_is_refused(norway):
     with pytest.raises(ValueError, match="does not hold"):
-        edges.build_coast(shore.land("none", Box(0, 0, 2, 2)), Box(0, 0, 5, 2))
+        edges.build_coast(shore.read_land("none", Box(0, 0, 2, 2)), Box(0, 0, 5, 2))
 
 
 # A real landing
@@ -536,7 +536,7 @@ def test_buoy_lands_on_hopen():
             sphere.to_binary(buoy.lat.values[fixed]),
         )
     box = Box(16, 74, 31, 78)
-    device = crossing.upload(edges.build_coast(shore.land("gshhg", box), box))
+    device = crossing.upload(edges.build_coast(shore.read_land("gshhg", box), box))
     afloat = np.flatnonzero(crossing.wet(device, lon[:-1], lat[:-1]))
     found = crossing.crossings(
         device, lon[afloat], lat[afloat], (lon[1:] - lon[:-1])[afloat], (lat[1:] - lat[:-1])[afloat]

@@ -18,12 +18,12 @@ ISLAND = shapely.box(1.4, 0.8, 1.6, 0.9)
 
 def test_each_place_is_on_its_land_or_the_nearest():
     land = land_masses.build_land_masses(np.array([MAINLAND, ISLAND], object))
-    found = land_masses.of_places(
+    found = land_masses.mass_of_places(
         land, np.array([0.5, 1.5, 1.5, 361.5]), np.array([0.7, 0.85, 0.79, 0.91])
     )
     assert found.tolist() == [land.mass[0], land.mass[1], land.mass[1], land.mass[1]]
-    assert land_masses.nearest(land, 0.5, 0.7) == (0, 0.5, 0.7, 0.0)
-    polygon, lon, lat, away = land_masses.nearest(land, 1.5, 0.95)
+    assert land_masses.nearest_land(land, 0.5, 0.7) == (0, 0.5, 0.7, 0.0)
+    polygon, lon, lat, away = land_masses.nearest_land(land, 1.5, 0.95)
     assert (polygon, lon, lat) == (1, 1.5, 0.9)
     assert away == pytest.approx(0.05 * np.pi / 180 * sphere.RADIUS, rel=1e-9)
 
@@ -36,7 +36,7 @@ def test_what_is_one_beyond_the_box_is_one():
     )
     land = land_masses.build_land_masses(np.array([*pieces, ISLAND], object), box=box)
     assert len(set(land.mass.tolist())) == 3
-    assert land_masses.reaching_the_edge(land) == frozenset(land.mass[:2].tolist())
+    assert land_masses.masses_at_edge(land) == frozenset(land.mass[:2].tolist())
     joined = land_masses.of_whole(land, lambda: np.array([MAINLAND, ISLAND], object))
     assert joined.mass[0] == joined.mass[1] != joined.mass[2]
 
@@ -69,7 +69,7 @@ def test_stretches_are_on_one_land_mass_or_several():
     coast = edges.build_coast(Shore(np.array([MAINLAND, ISLAND, *islets], object), "test"), box)
     land = land_masses.build_land_masses(coast.polygons)
     cut = segments.cut_coast(coast, 20_000)
-    mass = land_masses.of_stretches(land, coast, cut.of_edge, len(cut.name))
+    mass = land_masses.mass_of_stretches(land, coast, cut.of_edge, len(cut.name))
     for line, number in zip(cut.lines, mass, strict=True):
         touched = {
             int(land.mass[k])

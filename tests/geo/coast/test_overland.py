@@ -50,7 +50,7 @@ def test_a_way_is_the_shortest_of_all_between_corners(seed, monkeypatch):
         if shapely.contains_xy(star, *point):
             points.append(point)
     land = land_masses.build_land_masses(np.array([star], object))
-    found = overland.distances(land, points[0], points[1:], 200e3)
+    found = overland.overland_distances(land, points[0], points[1:], 200e3)
     np.testing.assert_allclose(
         found, [by_sight(star, points[0], point) for point in points[1:]], rtol=2e-5
     )
@@ -73,21 +73,21 @@ def test_round_a_bay_and_not_across(shift):
         (float(sphere.wrap_degrees(shift + 0.2)), 0.2),
     )
     way = (0.15 + 0.1 + 0.15) * DEGREE
-    (found,) = overland.distances(land, base, [to], 60e3)
+    (found,) = overland.overland_distances(land, base, [to], 60e3)
     assert found == pytest.approx(way, abs=2 * overland.DETAIL * 60e3)
     assert apart(base, to) < 0.3 * way
-    assert overland.distances(land, base, [to], 0.95 * way).tolist() == [np.inf]
+    assert overland.overland_distances(land, base, [to], 0.95 * way).tolist() == [np.inf]
 
 
 def test_islands_are_apart_until_a_bridge_joins_them():
     islands = np.array([shapely.box(0, 0, 0.1, 0.1), shapely.box(0.12, 0, 0.2, 0.1)], object)
     base, to = (0.02, 0.05), (0.18, 0.05)
-    assert overland.distances(
+    assert overland.overland_distances(
         land_masses.build_land_masses(islands), base, [to], 50e3
     ).tolist() == [np.inf]
     bridged = land_masses.build_land_masses(islands, [((0.1, 0.08), (0.12, 0.08))])
     assert bridged.mass[0] == bridged.mass[1]
-    (found,) = overland.distances(bridged, base, [to], 50e3)
+    (found,) = overland.overland_distances(bridged, base, [to], 50e3)
     legs = [base, (0.1, 0.08), (0.12, 0.08), to]
     assert found == pytest.approx(sum(apart(a, b) for a, b in itertools.pairwise(legs)), rel=1e-6)
 
@@ -98,6 +98,6 @@ def test_round_a_lake():
         shapely.box(0, 0, 0.3, 0.3).exterior, [shapely.box(0.1, 0.05, 0.2, 0.29).exterior]
     )
     land = land_masses.build_land_masses(np.array([ring], object))
-    (found,) = overland.distances(land, (0.09, 0.1), [(0.21, 0.1)], 60e3)
+    (found,) = overland.overland_distances(land, (0.09, 0.1), [(0.21, 0.1)], 60e3)
     legs = [(0.09, 0.1), (0.1, 0.05), (0.2, 0.05), (0.21, 0.1)]
     assert found == pytest.approx(sum(apart(a, b) for a, b in itertools.pairwise(legs)), rel=1e-4)

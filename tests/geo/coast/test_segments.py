@@ -41,11 +41,11 @@ def island():
 
 @pytest.fixture(scope="module")
 def fiji():
-    return edges.build_coast(shore.land("gshhg", FIJI), FIJI)
+    return edges.build_coast(shore.read_land("gshhg", FIJI), FIJI)
 
 
 def edge_lengths(built):
-    edge = sphere.to_degrees(edges.edges(built))
+    edge = sphere.to_degrees(edges.shoreline_edges(built))
     return EARTH.inv(edge[:, 0], edge[:, 1], edge[:, 2], edge[:, 3])[2]
 
 
@@ -96,7 +96,7 @@ def test_ids_are_the_same_in_every_domain_and_name_what_lies_there():
     assert set(one.id) < set(two.id)
     assert one.id != two.id[: len(one.id)]  # their numbers differ
     for number, name in enumerate(one.id):
-        same = segments.placed(two, name)
+        same = segments.segment_of_id(two, name)
         assert (two.lon[same], two.lat[same], two.length[same]) == pytest.approx(
             (one.lon[number], one.lat[number], one.length[number])
         )
@@ -105,12 +105,12 @@ def test_ids_are_the_same_in_every_domain_and_name_what_lies_there():
     narrow, wide = (segments.cut_coast(coast_of([mainland], box)) for box in boxes)
     assert not set(narrow.id) <= set(wide.id)
     for number, name in enumerate(narrow.id):
-        there = segments.placed(wide, name)
+        there = segments.segment_of_id(wide, name)
         assert shapely.dwithin(
             wide.lines[there], shapely.Point(narrow.lon[number], narrow.lat[number]), 1e-4
         )
-    assert segments.placed(one, "stretch 1") is None
-    assert segments.placed(one, "u4pruydqq") is None  # Denmark
+    assert segments.segment_of_id(one, "stretch 1") is None
+    assert segments.segment_of_id(one, "u4pruydqq") is None  # Denmark
 
 
 def test_a_real_mainland_has_the_same_stretches_in_every_domain():
@@ -119,7 +119,7 @@ def test_a_real_mainland_has_the_same_stretches_in_every_domain():
     """
     small, large = Box(-5.5, 47.5, -2.0, 49.2), Box(-6.4, 46.8, -0.2, 50.1)
     narrow, wide = (
-        segments.cut_coast(edges.build_coast(shore.land("gshhg", box), box))
+        segments.cut_coast(edges.build_coast(shore.read_land("gshhg", box), box))
         for box in (small, large)
     )
     shared = {name: number for number, name in enumerate(wide.id)}
@@ -193,7 +193,7 @@ def test_stretches_do_not_depend_on_the_order_of_the_land(length):
     ids, and names by id.
     """
     box = Box(5.0, 60.2, 5.6, 60.7)
-    land = shore.land("gshhg", box)
+    land = shore.read_land("gshhg", box)
     shuffled = land.polygons[np.random.default_rng(1).permutation(len(land.polygons))]
     one, two = (
         segments.cut_coast(edges.build_coast(Shore(polygons, "test", box=box), box), length)
@@ -279,10 +279,10 @@ def test_no_coast(tmp_path):
     built = coast_of([], AROUND)
     cut = segments.cut_coast(built)
     assert (cut.name, cut.length.size, cut.of_edge.size, len(cut.lines)) == ((), 0, 0, 0)
-    assert segments.nearest(cut, built, 10.0, 0.0) == (-1, np.inf)
+    assert segments.nearest_segment(cut, built, 10.0, 0.0) == (-1, np.inf)
     path = geojson(tmp_path / "some.geojson", (shapely.box(10, 0, 10.1, 0.2), {"name": "nowhere"}))
     with pytest.raises(UserError, match="no coast"):
-        segments.named(built, path)
+        segments.read_named_segments(built, path)
 
 
 @pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf])
@@ -296,7 +296,7 @@ def test_lengths_that_are_none(island, length):
 
 @pytest.mark.parametrize("box", [FIJI, Box(4.5, 60, 6.5, 61.5), Box(-91, 28.5, -88.5, 30.5)])
 def test_real_coasts(box):
-    built = edges.build_coast(shore.land("gshhg", box), box)
+    built = edges.build_coast(shore.read_land("gshhg", box), box)
     cut = segments.cut_coast(built)
     check(built, cut)
     alone = np.array([" near " not in name for name in cut.name])
@@ -347,7 +347,7 @@ def test_nearest_against_brute_force(fiji):
         if metres.min() < 1000:
             continue
         tested += 1
-        segment, distance = segments.nearest(cut, fiji, (lon + 180) % 360 - 180, lat)
+        segment, distance = segments.nearest_segment(cut, fiji, (lon + 180) % 360 - 180, lat)
         assert distance == pytest.approx(metres.min(), abs=0.1)
         assert metres[owner == segment].min() < metres.min() + 0.1
     assert tested > 7
@@ -362,7 +362,7 @@ def test_far_north_the_sphere_tells_which_is_nearest():
     cut = segments.cut_coast(built)
     away = [EARTH.inv(0.0, 80.0, 20.0, 80.0)[2], EARTH.inv(0.0, 80.0, 0.0, 83.465)[2]]
     assert away[0] < away[1] < 20 * np.cos(np.radians(80.0)) * DEGREE
-    segment, distance = segments.nearest(cut, built, 0.0, 80.0)
+    segment, distance = segments.nearest_segment(cut, built, 0.0, 80.0)
     assert distance == pytest.approx(away[0], abs=1.0)
     assert shapely.get_coordinates(cut.lines[segment])[:, 0].min() > 19
 
@@ -370,13 +370,13 @@ def test_far_north_the_sphere_tells_which_is_nearest():
 def test_nearest_from_both_sides_of_180(fiji):
     cut = segments.cut_coast(fiji)
     here, there = (
-        segments.nearest(cut, fiji, 180.0, -17.2),
-        segments.nearest(cut, fiji, -180.0, -17.2),
+        segments.nearest_segment(cut, fiji, 180.0, -17.2),
+        segments.nearest_segment(cut, fiji, -180.0, -17.2),
     )
     assert here == (there[0], pytest.approx(there[1], abs=1e-6))
     west, east = (
-        segments.nearest(cut, fiji, 179.9999, -17.2),
-        segments.nearest(cut, fiji, -179.9999, -17.2),
+        segments.nearest_segment(cut, fiji, 179.9999, -17.2),
+        segments.nearest_segment(cut, fiji, -179.9999, -17.2),
     )
     assert west[1] == pytest.approx(east[1], abs=30)  # the two lie 21 m apart
 
@@ -393,7 +393,7 @@ def test_named_stretches(island, tmp_path):
         (shapely.box(9.9, -0.1, 10.05, 0.05), {"name": "West  End", "access": "town"}),
         (shapely.LineString([(10.4027, -0.05), (10.4027, 0.05)]), {"name": "East Beach"}),
     )
-    cut = segments.named(island, path)
+    cut = segments.read_named_segments(island, path)
     check(island, cut)
     assert cut.name[:2] == ("West End", "East Beach")
     assert cut.access[:3] == ("town", "", "")
@@ -421,7 +421,7 @@ def test_lines_that_compete_share_by_nearness(island, tmp_path):
             {"name": 7},
         ),
     )
-    cut = segments.named(island, path)
+    cut = segments.read_named_segments(island, path)
     check(island, cut)
     assert cut.name[:2] == ("south", "7")
     longest = edge_lengths(island).max()
@@ -436,10 +436,12 @@ def test_named_across_the_antimeridian(fiji, tmp_path, turn):
     """
     x, y = np.array([179.8, -179.7, -179.7, 179.8]), np.array([-17.05, -17.05, -16.6, -16.6])
     ring = shapely.Polygon(np.stack([np.where(x < 0, x, x + turn), y], axis=1))
-    cut = segments.named(fiji, geojson(tmp_path / "t.geojson", (ring, {"name": "Taveuni"})))
+    cut = segments.read_named_segments(
+        fiji, geojson(tmp_path / "t.geojson", (ring, {"name": "Taveuni"}))
+    )
     check(fiji, cut)
     whole = shapely.box(179.8, -17.05, 180.3, -16.6)
-    edge = edges.edges(fiji).astype(np.int64)
+    edge = edges.shoreline_edges(fiji).astype(np.int64)
     lon = (edge[:, 0] + ((edge[:, 2] - edge[:, 0] + 2**31) % 2**32 - 2**31) / 2) * 360 / 2**32 % 360
     lat = (edge[:, 1] + edge[:, 3]) / 2 * 360 / 2**32
     np.testing.assert_array_equal(cut.of_edge == 0, shapely.intersects_xy(whole, lon, lat))
@@ -452,17 +454,17 @@ def test_a_feature_alone(island, tmp_path):
     path.write_text(
         json.dumps({"type": "Feature", "properties": {"name": "west"}, "geometry": shape})
     )
-    assert segments.named(island, path, 1e6).name[0] == "west"
+    assert segments.read_named_segments(island, path, 1e6).name[0] == "west"
 
 
 def test_a_name_of_the_rest_may_be_taken(island, tmp_path):
-    taken = segments.named(
+    taken = segments.read_named_segments(
         island,
         geojson(tmp_path / "a.geojson", (shapely.box(9.9, -1, 10.2, 1), {"name": "x"})),
         1e6,
     ).name[1]
     path = geojson(tmp_path / "b.geojson", (shapely.box(9.9, -1, 10.2, 1), {"name": taken}))
-    assert segments.named(island, path, 1e6).name == (taken, f"{taken} (2)")
+    assert segments.read_named_segments(island, path, 1e6).name == (taken, f"{taken} (2)")
 
 
 BOX = {"type": "Polygon", "coordinates": [[[10, -1], [10.2, -1], [10.2, 1], [10, 1], [10, -1]]]}
@@ -535,7 +537,7 @@ def test_bad_files_are_one_clear_line(island, tmp_path, content, words):
     if content is not None:
         path.write_text(content if isinstance(content, str) else json.dumps(content))
     with pytest.raises(UserError, match=words) as error:
-        segments.named(island, path)
+        segments.read_named_segments(island, path)
     assert "\n" not in str(error.value)
     assert "mine.geojson" in str(error.value)
     assert len(str(error.value)) < 400

@@ -61,10 +61,10 @@ def same_land(land, expected):
 
 def test_inner_rings_are_land_unless_asked_for(tmp_path):
     path = write(tmp_path / "land.geojson", HOLED, ISLE)
-    land = shore.land(path, BOX)
+    land = shore.read_land(path, BOX)
     assert same_land(land, shapely.box(0, 0, 4, 3))
     assert any("2 inner rings" in note and "are land" in note for note in land.notes)
-    wet = shore.land(path, BOX, lakes=True)
+    wet = shore.read_land(path, BOX, lakes=True)
     assert same_land(wet, shapely.union(HOLED, ISLE))
     assert any("2 lakes of the shoreline are water" in note for note in wet.notes)
     points = sphere.to_binary([(1.2, 1.2), (1.5, 1.5), (2.7, 1.0), (0.5, 0.5)])
@@ -81,7 +81,7 @@ def test_a_sea_between_several_polygons_is_no_lake(tmp_path):
     ring = shapely.difference(shapely.box(0, 0, 4, 3), shapely.box(1, 1, 3, 2))
     halves = (shapely.box(0, 0, 2, 3), shapely.box(2, 0, 4, 3))
     path = write(tmp_path / "tiles.geojson", *(shapely.intersection(ring, half) for half in halves))
-    land = shore.land(path, BOX)
+    land = shore.read_land(path, BOX)
     assert same_land(land, ring)
     assert not land.notes
 
@@ -90,13 +90,13 @@ def test_a_sea_between_several_polygons_is_no_lake(tmp_path):
 def test_lakes_of_a_bna_are_water(tmp_path, lakes):
     path = tmp_path / "land.bna"
     path.write_text(records((shapely.box(0, 0, 4, 3), 1), (shapely.box(1, 1, 2, 2), 2)))
-    land = shore.land(path, BOX, lakes=lakes)
+    land = shore.read_land(path, BOX, lakes=lakes)
     assert same_land(land, shapely.difference(shapely.box(0, 0, 4, 3), shapely.box(1, 1, 2, 2)))
     assert [note for note in land.notes if "lake" in note] == ["1 lakes of the shoreline are water"]
 
 
 def test_no_lakes_where_they_were_asked_for_is_said(tmp_path):
-    land = shore.land(write(tmp_path / "land.geojson", ISLE), BOX, lakes=True)
+    land = shore.read_land(write(tmp_path / "land.geojson", ISLE), BOX, lakes=True)
     assert any("the shoreline holds none" in note for note in land.notes)
 
 
@@ -105,13 +105,13 @@ def test_a_file_of_lakes_is_cut_out(tmp_path):
     land = write(tmp_path / "land.geojson", HOLED)
     bay, far = shapely.box(3.5, -0.5, 4.5, 0.5), shapely.box(50, 50, 51, 51)
     lakes = write(tmp_path / "lakes.geojson", LAKE, bay, far)
-    cut = shore.land(land, BOX, lakes=lakes)
+    cut = shore.read_land(land, BOX, lakes=lakes)
     assert same_land(cut, shapely.difference(shapely.box(0, 0, 4, 3), shapely.union(LAKE, bay)))
     assert any("2 lakes of lakes.geojson" in note for note in cut.notes)
     assert "land.geojson (sha256" in cut.source
     assert "lakes lakes.geojson (sha256" in cut.source
     other = write(tmp_path / "far.geojson", far)
-    same = shore.land(land, BOX, lakes=other)
+    same = shore.read_land(land, BOX, lakes=other)
     assert same_land(same, shapely.box(0, 0, 4, 3))
     assert any("none of the 1 lakes of far.geojson" in note for note in same.notes)
 
@@ -122,8 +122,10 @@ def test_lakes_are_cut_out_of_gshhg_after_its_cache(tmp_path, monkeypatch):
     monkeypatch.setattr(gshhg, "_read_package", lambda: np.array([island]))
     lakes = write(tmp_path / "lakes.geojson", LAKE)
     for _ in range(2):
-        assert same_land(shore.land("gshhg", BOX, lakes=lakes), shapely.difference(island, LAKE))
-        assert same_land(shore.land("gshhg", BOX), island)
+        assert same_land(
+            shore.read_land("gshhg", BOX, lakes=lakes), shapely.difference(island, LAKE)
+        )
+        assert same_land(shore.read_land("gshhg", BOX), island)
 
 
 def test_a_lake_across_the_antimeridian(tmp_path):
@@ -133,7 +135,7 @@ def test_a_lake_across_the_antimeridian(tmp_path):
         tmp_path / "lakes.geojson", shapely.box(179, 11, 180, 12), shapely.box(-180, 11, -179.5, 12)
     )
     box = Box(177, 9, 183, 14)
-    cut = shore.land(land, box, lakes=lakes)
+    cut = shore.read_land(land, box, lakes=lakes)
     assert same_land(
         cut, shapely.difference(shapely.box(178, 10, 182, 13), shapely.box(179, 11, 180.5, 12))
     )
@@ -142,7 +144,7 @@ def test_a_lake_across_the_antimeridian(tmp_path):
     np.testing.assert_array_equal(
         edges.is_land(built, lon, lat), [False, False, False, False, True]
     )
-    assert not (edges.edges(built)[:, [0, 2]] == -(2**31)).all(axis=1).any()
+    assert not (edges.shoreline_edges(built)[:, [0, 2]] == -(2**31)).all(axis=1).any()
 
 
 def test_a_bna_of_lakes(tmp_path):
@@ -152,10 +154,10 @@ def test_a_bna_of_lakes(tmp_path):
     lakes = tmp_path / "lakes.bna"
     lakes.write_text(records((second, 1), (first, 2)))
     assert same_land(
-        shore.land(land, BOX, lakes=lakes), shapely.difference(shapely.box(0, 0, 4, 3), first)
+        shore.read_land(land, BOX, lakes=lakes), shapely.difference(shapely.box(0, 0, 4, 3), first)
     )
     lakes.write_text(records((second, 1), (first, 1)))
-    assert same_land(shore.land(land, BOX, lakes=lakes), HOLED)
+    assert same_land(shore.read_land(land, BOX, lakes=lakes), HOLED)
 
 
 def test_lakes_that_cross_themselves_or_overlap(tmp_path):
@@ -164,7 +166,7 @@ def test_lakes_that_cross_themselves_or_overlap(tmp_path):
     block = json.loads(shapely.to_geojson(shapely.box(1.5, 0.5, 2.5, 1.5)))
     path = tmp_path / "lakes.geojson"
     path.write_text(json.dumps({"type": "GeometryCollection", "geometries": [bow, block]}))
-    cut = shore.land(land, BOX, lakes=path)
+    cut = shore.read_land(land, BOX, lakes=path)
     water = [
         shapely.Polygon([(1, 1), (1.5, 1.5), (1, 2)]),
         shapely.Polygon([(2, 2), (1.5, 1.5), (2, 1)]),
@@ -190,7 +192,7 @@ def test_bad_lakes_are_one_clear_line(tmp_path, name, content, words):
     if content is not None:
         path.write_text(content)
     with pytest.raises(UserError, match=f"^lakes .*{words}") as error:
-        shore.land(land, BOX, lakes=path)
+        shore.read_land(land, BOX, lakes=path)
     assert "\n" not in str(error.value)
     assert name in str(error.value)
 
@@ -205,7 +207,7 @@ def test_bad_lakes_are_one_clear_line(tmp_path, name, content, words):
 )
 def test_lakes_that_cannot_be_had(source, lakes, words):
     with pytest.raises(UserError, match=words) as error:
-        shore.land(source, BOX, lakes=lakes)
+        shore.read_land(source, BOX, lakes=lakes)
     assert "\n" not in str(error.value)
 
 
@@ -216,8 +218,8 @@ def test_lakes_of_louisiana_on_gshhg():
         pytest.skip(f"no {path}: set DRIFT_DATA")
     box = Box(-90.9, 30.0, -90.0, 30.5)
     lake = sphere.to_binary([-90.499, 30.257])
-    assert edges.is_land(edges.build_coast(shore.land("gshhg", box), box), *lake)
-    land = shore.land("gshhg", box, lakes=path)
+    assert edges.is_land(edges.build_coast(shore.read_land("gshhg", box), box), *lake)
+    land = shore.read_land("gshhg", box, lakes=path)
     assert not edges.is_land(edges.build_coast(land, box), *lake)
     assert any("lakes of LA_shoreline.bna" in note for note in land.notes)
 
@@ -230,10 +232,10 @@ def test_a_box_on_the_open_ocean():
     refused.
     """
     box = Box(-140.4, 29.5, -138.2, 31.1)
-    land = shore.land("gshhg", box)
+    land = shore.read_land("gshhg", box)
     assert land.polygons.size == 0
     built = edges.build_coast(land, box)
-    assert edges.edges(built).shape == (0, 4)
+    assert edges.shoreline_edges(built).shape == (0, 4)
     assert not edges.is_land(
         built, sphere.to_binary([-140.0, -139.0]), sphere.to_binary([30.0, 31.0])
     ).any()
@@ -247,7 +249,7 @@ def test_a_box_on_the_open_ocean():
 def test_lakes_where_no_land_is(tmp_path):
     land = write(tmp_path / "land.geojson", shapely.box(50, 0, 51, 1))
     lakes = write(tmp_path / "lakes.geojson", LAKE)
-    assert shore.land(land, BOX, lakes=lakes).polygons.size == 0
+    assert shore.read_land(land, BOX, lakes=lakes).polygons.size == 0
 
 
 # GSHHG at 180 degrees, where it cuts its polygons
@@ -286,7 +288,7 @@ def test_coast_at_the_cut(box, on_land):
     assert ((at_cut[:, 2] == 2**31) | (at_cut[:, 0] == 2**31)).sum() >= 2
     tree = shapely.STRtree(raw)
 
-    built = edges.build_coast(shore.land("gshhg", box), box)
+    built = edges.build_coast(shore.read_land("gshhg", box), box)
     device = crossing.upload(built)
     rng = np.random.default_rng(17)
     n = 20_000
@@ -332,7 +334,7 @@ def test_coast_at_the_cut(box, on_land):
     assert (~hit).any()
 
     # The cut is no coast: no edge lies along it, and none but the raw polygons' own meet there.
-    edge = edges.edges(built)
+    edge = edges.shoreline_edges(built)
     assert not (edge[:, [0, 2]] == -(2**31)).all(axis=1).any()
 
 

@@ -236,12 +236,12 @@ def test_closing_forcing_does_not_wait_for_a_server() -> None:
         asked.set()
         try:
             while True:  # as a wait for a server does
-                waiting.heed()
+                waiting.check_wait()
                 time.sleep(0.01)
         finally:
             left.set()
 
-    still = sources.constant("current", 0.2, 0.1)
+    still = sources.constant_field("current", 0.2, 0.1)
     winds = engine.Forcing([engine.Sources({"current": (replace(still, read=read),)})], 1)
     winds._slices[0][0]._request(0)
     assert asked.wait(5)

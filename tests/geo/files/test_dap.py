@@ -35,7 +35,7 @@ def served(monkeypatch: pytest.MonkeyPatch):
     """Return a function that reads an answer as one of a shape."""
 
     def read(content: bytes, shape: tuple[int, ...], dtype: type) -> np.ndarray:
-        monkeypatch.setattr(web, "get", lambda address, timeout, most: content)
+        monkeypatch.setattr(web, "get_address", lambda address, timeout, most: content)
         return dap.read_variable(
             "http://x/sea", "u", [slice(0, size) for size in shape], np.dtype(dtype), 1.0
         )
@@ -73,5 +73,5 @@ def test_one_number_has_no_length_before_it(served) -> None:
     ids=["another length", "turned", "flat", "another type", "short", "long", "an error"],
 )  # fmt: skip
 def test_another_answer_is_none(served, content: bytes) -> None:
-    with pytest.raises(web.Passing):
+    with pytest.raises(web.TemporaryError):
         served(content, (2, 3), np.float32)

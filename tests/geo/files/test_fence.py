@@ -90,9 +90,9 @@ OPENERS: dict[str, Callable[[Path], object]] = {
         str(folder / "x.zarr"), "current"
     ),
     "an address": lambda folder: dataset.open_one("http://127.0.0.1:1/x", "current"),
-    "a small file": lambda folder: small.contents(folder / "folder" / "wind.txt"),
+    "a small file": lambda folder: small.read_small_file(folder / "folder" / "wind.txt"),
     "a digest": lambda folder: digest.digest_of(str(folder / "link.nc")),
-    "a shoreline": lambda folder: shore.land(str(folder / "folder" / "wind.txt"), BOX),
+    "a shoreline": lambda folder: shore.read_land(str(folder / "folder" / "wind.txt"), BOX),
     "a case": lambda folder: case_file.load(folder / "folder" / "wind.txt"),
 }
 
@@ -126,7 +126,7 @@ def test_a_file_exchanged_while_it_is_opened_is_refused(
     if not os.path.exists("/proc/self/fd"):
         pytest.skip("this system does not tell what is open")
     with pytest.raises(UserError, match=OUT):
-        small.contents(path)
+        small.read_small_file(path)
 
 
 SQUARE = '{"type": "Polygon", "coordinates": [[[-88, 26], [-87, 26], [-87, 27], [-88, 26]]]}'
@@ -165,10 +165,10 @@ def test_no_shoreline_is_a_program(
     if not raised:
         monkeypatch.delenv(fence.NAME)
     if name.endswith("!v.vrt"):  # read for what it is
-        assert len(shore.land(str(fenced / name), BOX).polygons) == 1
+        assert len(shore.read_land(str(fenced / name), BOX).polygons) == 1
     else:
         with pytest.raises(UserError, match="cannot be read"):
-            shore.land(str(fenced / name), BOX)
+            shore.read_land(str(fenced / name), BOX)
     assert not out.exists()
 
 
@@ -177,11 +177,11 @@ def test_a_shapefile_s_files_are_inside(fenced: Path) -> None:
         fenced / "a.shp", np.array([shapely.to_wkb(shapely.from_geojson(SQUARE))]), [], [], geometry_type="Polygon",
         crs="EPSG:4326",
     )  # fmt: skip
-    assert len(shore.land(str(fenced / "a.shp"), BOX).polygons) == 1
+    assert len(shore.read_land(str(fenced / "a.shp"), BOX).polygons) == 1
     (fenced / "a.dbf").unlink()
     (fenced / "a.dbf").symlink_to(fenced.parent / "secret" / "wind.txt")
     with pytest.raises(UserError, match=OUT):
-        shore.land(str(fenced / "a.shp"), BOX)
+        shore.read_land(str(fenced / "a.shp"), BOX)
 
 
 def test_a_shapefile_is_not_looked_for_in_an_archive(fenced: Path) -> None:
@@ -196,7 +196,7 @@ def test_a_shapefile_is_not_looked_for_in_an_archive(fenced: Path) -> None:
     (fenced / "x.zip").symlink_to(fenced.parent / "secret" / "x.zip")
     shutil.copy(fenced / "a.shp", fenced / "x.zip!a.shp")
     with pytest.raises(UserError, match='has no "!"'):
-        shore.land(str(fenced / "x.zip!a.shp"), BOX)
+        shore.read_land(str(fenced / "x.zip!a.shp"), BOX)
 
 
 @pytest.mark.parametrize("name", ["+init=/etc/passwd:root", "+proj=utm +nadgrids=/etc/passwd"])
@@ -204,7 +204,7 @@ def test_a_reference_system_inside_a_shoreline(fenced: Path, name: str) -> None:
     named = '{"crs": {"type": "name", "properties": {"name": "' + name + '"}}, ' + SQUARE[1:]
     (fenced / "coast.json").write_text(named, encoding="utf-8")
     with pytest.raises(UserError, match=OUT):
-        shore.land(str(fenced / "coast.json"), BOX)
+        shore.read_land(str(fenced / "coast.json"), BOX)
 
 
 def test_a_store_whose_folders_are_links(fenced: Path) -> None:

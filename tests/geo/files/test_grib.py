@@ -640,7 +640,9 @@ def test_closing_forcing_does_not_wait_for_a_library_that_hangs(size: int, tmp_p
     raw = pair(REGULAR)[0]
     stopped = decoder._running()
     os.kill(stopped.process.pid, signal.SIGSTOP)
-    still = replace(sources.constant("wind", 7.0, -3.0), read=lambda i: decoder.values(bytes(size)))
+    still = replace(
+        sources.constant_field("wind", 7.0, -3.0), read=lambda i: decoder.values(bytes(size))
+    )
     winds = engine.Forcing([engine.Sources({"wind": (still,)})], 1)
     reading = winds._slices[0][0]._request(0)
     time.sleep(0.5)
@@ -648,7 +650,7 @@ def test_closing_forcing_does_not_wait_for_a_library_that_hangs(size: int, tmp_p
     watch = Watch()
     winds.close()
     assert watch.seconds() < 2
-    assert isinstance(reading.exception(), waiting.Left)
+    assert isinstance(reading.exception(), waiting.WaitInterrupted)
     assert stopped.process.returncode == -signal.SIGKILL
     assert decoder.values(raw).size == 900  # another one is started
 

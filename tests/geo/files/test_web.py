@@ -39,8 +39,8 @@ def test_an_answer_that_drips_is_given_up() -> None:
 
     with hostile.serving(drip) as address:
         watch = Watch()
-        with pytest.raises(web.Passing, match="sends too slowly"):
-            web.get(address, 0.1, 10_000)
+        with pytest.raises(web.TemporaryError, match="sends too slowly"):
+            web.get_address(address, 0.1, 10_000)
         assert watch.seconds() < 4  # 1 s; 6 s to the end of the answer
 
 
@@ -48,9 +48,9 @@ def test_an_answer_may_be_so_large_and_no_larger() -> None:
     with hostile.serving(
         lambda connection, target: connection.sendall(hostile.http(b"x" * 50))
     ) as address:
-        assert web.get(address, 5.0, 50) == b"x" * 50
+        assert web.get_address(address, 5.0, 50) == b"x" * 50
         with pytest.raises(UserError, match="more than the 49 bytes"):
-            web.get(address, 5.0, 49)
+            web.get_address(address, 5.0, 49)
 
 
 @pytest.mark.parametrize(
@@ -65,9 +65,9 @@ def test_what_stays_and_what_may_pass(status: int, passing: bool, words: str) ->
     with hostile.serving(
         lambda connection, target: connection.sendall(hostile.http(b"", f"{status} No"))
     ) as address:
-        with pytest.raises((web.Passing, UserError), match=words) as refused:
-            web.get(address, 5.0, 100)
-        assert isinstance(refused.value, web.Passing) == passing
+        with pytest.raises((web.TemporaryError, UserError), match=words) as refused:
+            web.get_address(address, 5.0, 100)
+        assert isinstance(refused.value, web.TemporaryError) == passing
 
 
 @pytest.mark.parametrize(
@@ -90,8 +90,8 @@ def test_passwords_go_to_their_machine_and_not_in_the_clear(
             raise OSError("that is enough")
 
     monkeypatch.setattr(web, "_opener", Opener)
-    with pytest.raises(web.Passing, match="that is enough"):
-        web.get(address, 1.0, 10)
+    with pytest.raises(web.TemporaryError, match="that is enough"):
+        web.get_address(address, 1.0, 10)
     assert asked[0].get_header("Authorization") == (ANN if told else None)
 
 
@@ -105,10 +105,10 @@ def test_a_redirect_leads_nowhere_that_may_not_be_asked(monkeypatch: pytest.Monk
     with hostile.serving(second) as away:
         redirect = hostile.http(b"", "302 Found", f"Location: {away}")
         with hostile.serving(lambda connection, target: connection.sendall(redirect)) as address:
-            assert web.get(address, 5.0, 100) == b"secret"
+            assert web.get_address(address, 5.0, 100) == b"secret"
             host = address.split("/")[2]
             monkeypatch.setenv(fence.NAME, fence.fence_text(fence.Fence((), frozenset({host}))))
             seen.clear()
             with pytest.raises(UserError, match="may not be asked"):
-                web.get(address, 5.0, 100)
+                web.get_address(address, 5.0, 100)
     assert not seen

@@ -83,7 +83,7 @@ def test_bounds_say_it(stamp: float, tmp_path: Path) -> None:
     check(source, DAYS)
     with xr.open_dataset(path) as data:
         np.testing.assert_array_equal(
-            sources.open_source("current", memory.Held("x", data)).times, source.times
+            sources.open_source("current", memory.NamedDataset("x", data)).times, source.times
         )
     check(
         sources.open_source(

@@ -42,7 +42,7 @@ def written(path: Path, empty: Any, names: Any = ("uo", "vo"), fill: float = np.
 
 def opened(path: Path, first: int = 0, last: int = 11) -> sources.Source:
     source = sources.open_source("current", path, box=Box(-31.0, 39.0, -29.0, 41.0))
-    return source.without_blank(EPOCH + first * HOUR, EPOCH + last * HOUR)
+    return source.without_blank_slices(EPOCH + first * HOUR, EPOCH + last * HOUR)
 
 
 def hours(source: sources.Source) -> list[int]:
@@ -81,7 +81,9 @@ def test_only_what_is_wanted_is_looked_at_and_good_slices_stay(tmp_path: Path) -
     early = sources.open_source("current", path, box=Box(-31.0, 39.0, -29.0, 41.0))
     # what was looked at once is known
     for first, last, left in ((0, 3, 12), (9, 9, 12), (0, 4, 11), (0, 11, 10)):
-        assert early.without_blank(EPOCH + first * HOUR, EPOCH + last * HOUR).times.size == left
+        assert (
+            early.without_blank_slices(EPOCH + first * HOUR, EPOCH + last * HOUR).times.size == left
+        )
     gap = opened(written(tmp_path / "c.nc", [4, 5, 6]), 0, 4)
     assert hours(gap) == [0, 1, 2, 3, 7, 8, 9, 10, 11]
     whole = opened(written(tmp_path / "b.nc", []))
@@ -91,7 +93,7 @@ def test_only_what_is_wanted_is_looked_at_and_good_slices_stay(tmp_path: Path) -
 
 def test_info_says_it(tmp_path: Path) -> None:
     told = "\n".join(
-        describe.describe(describe.understand(str(written(tmp_path / "a.nc", [4])))[0])
+        describe.describe(describe.open_quantities(str(written(tmp_path / "a.nc", [4])))[0])
     )
     assert "the slice of 100400ZMAR24 holds no value here: left out and interpolated over" in told
     assert "11 slices 1 h to 2 h apart" in told

@@ -115,7 +115,7 @@ def test_zones_in_files_and_in_memory(tmp_path: Path) -> None:
         )
         check(sources.open_source("current", path))
         with xr.open_dataset(path) as data:
-            check(sources.open_source("current", memory.Held("x", data)))
+            check(sources.open_source("current", memory.NamedDataset("x", data)))
 
 
 @pytest.mark.parametrize("zone", ["MDT", "local", "UTC+8"])
@@ -129,8 +129,8 @@ def test_a_zone_without_meaning_is_refused_and_can_be_stated(zone: str, tmp_path
     assert any("-6 h from UTC, as the case says" in note for note in source.notes)
     with xr.open_dataset(path) as data:  # xarray drops the zone, or takes it for another
         with pytest.raises(UserError, match=r"times = \{ zone"):
-            sources.open_source("current", memory.Held("x", data))
-        check(sources.open_source("current", memory.Held("x", data), times=said))
+            sources.open_source("current", memory.NamedDataset("x", data))
+        check(sources.open_source("current", memory.NamedDataset("x", data), times=said))
     with pytest.raises(UserError, match=r'"Mars".*"UTC" and hours ahead'):
         sources.open_source("current", path, times={"zone": "Mars"})
 

@@ -760,7 +760,7 @@ def test_fill_goes_ring_by_ring() -> None:
 
 
 def test_constant_and_table() -> None:
-    source = forcing.constant("wind", 3.0, -4.0)
+    source = forcing.constant_field("wind", 3.0, -4.0)
     assert source.grid == Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)
     assert source.grid.seamless
     np.testing.assert_array_equal(source.read(0), np.broadcast_to([3.0, -4.0], (2, 2, 2)))
@@ -770,11 +770,11 @@ def test_constant_and_table() -> None:
     with pytest.raises(UserError, match="times must increase"):
         forcing.uniform_field("current", times[::-1], [0.1, 0.2], [0.3, -0.4])
     with pytest.raises(UserError, match="not a finite"):
-        forcing.constant("wind", np.nan, 0.0)
+        forcing.constant_field("wind", np.nan, 0.0)
 
 
 def test_understand_and_describe(data: Path, tmp_path: Path) -> None:
-    sources = describe.understand(data / "paria" / "Sea_Med_slice_20170422_Paria.nc")
+    sources = describe.open_quantities(data / "paria" / "Sea_Med_slice_20170422_Paria.nc")
     assert [s.quantity for s in sources] == ["current"]
     text = "\n".join(describe.describe(sources[0]) + describe.sketch(sources[0]))
     for words in (
@@ -790,6 +790,6 @@ def test_understand_and_describe(data: Path, tmp_path: Path) -> None:
     both["v10"] = both.vo * 9.0
     both["u10"].attrs, both["v10"].attrs = {"units": "m/s"}, {"units": "m/s"}
     both.to_netcdf(tmp_path / "b.nc")
-    assert [s.quantity for s in describe.understand(tmp_path / "b.nc")] == ["current", "wind"]
+    assert [s.quantity for s in describe.open_quantities(tmp_path / "b.nc")] == ["current", "wind"]
     with pytest.raises(UserError, match="no current, wind or Stokes drift"):
-        describe.understand(data / "biscay" / "hycom.gdp.h.nc")
+        describe.open_quantities(data / "biscay" / "hycom.gdp.h.nc")

@@ -109,7 +109,7 @@ def test_info_knows_the_names_of_every_file(tmp_path: Path) -> None:
         linear.written(tmp_path / "b.nc", renamed(linear.dataset(AFTER))),
         linear.written(tmp_path / "c.nc", linear.dataset(FIRST, names=linear.WIND)),
     ]
-    current, wind = describe.understand([str(path) for path in paths])
+    current, wind = describe.open_quantities([str(path) for path in paths])
     assert (len(current.times), len(wind.times)) == (25, 13)
     assert any(
         "b.nc: ucur, vcur are called uo, vo in other files" in note for note in current.notes

@@ -105,7 +105,7 @@ def test_members_by_file(tmp_path: Path) -> None:
 
 
 def test_a_dataset_in_memory_may_have_members() -> None:
-    held(sources.open_source("current", memory.Held("roms", together()), members=True))
+    held(sources.open_source("current", memory.NamedDataset("roms", together()), members=True))
 
 
 def test_a_part_of_shared_files_has_their_members(tmp_path: Path) -> None:
@@ -293,7 +293,7 @@ def test_members_must_be_asked_for(tmp_path: Path) -> None:
 
 def test_info_tells_of_members(tmp_path: Path) -> None:
     together().to_netcdf(tmp_path / "a.nc")
-    (source,) = describe.understand(str(tmp_path / "a.nc"))
+    (source,) = describe.open_quantities(str(tmp_path / "a.nc"))
     assert any(
         "5 members of an ensemble along number: 0, 1, 2, ..., 4; members = true" in n
         for n in source.notes

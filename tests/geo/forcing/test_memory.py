@@ -99,7 +99,7 @@ def test_a_dataset_gives_the_bits_of_its_file_however_it_was_opened(
     data = WAYS[way](path)
     before = data.copy(deep=False)
     encodings = {name: dict(variable.encoding) for name, variable in data.variables.items()}
-    source = sources.open_source("current", memory.hold({HELD: data})[HELD])
+    source = sources.open_source("current", memory.wrap_datasets({HELD: data})[HELD])
     same(source, sources.open_source("current", str(path)))
     assert np.isnan(source.read(3)).any()
     assert data.identical(before)
@@ -131,7 +131,9 @@ def test_calendars_and_single_precision_are_read_as_from_the_file(
     data.to_netcdf(other)
     file = sources.open_source("current", str(other))
     for way in ("loaded", "raw", "cftime"):
-        source = sources.open_source("current", memory.hold({HELD: WAYS[way](other)})[HELD])
+        source = sources.open_source(
+            "current", memory.wrap_datasets({HELD: WAYS[way](other)})[HELD]
+        )
         same(source, file)
         assert [note for note in file.notes if "calendar" in note or "precision" in note] == [
             note for note in source.notes if "calendar" in note or "precision" in note
@@ -139,7 +141,7 @@ def test_calendars_and_single_precision_are_read_as_from_the_file(
 
 
 def held(data: xr.Dataset, **how: Any) -> Source:
-    return sources.open_source("current", memory.hold({HELD: data})[HELD], **how)
+    return sources.open_source("current", memory.wrap_datasets({HELD: data})[HELD], **how)
 
 
 def test_dates_that_are_none_are_refused(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_one_run(valid: bool, reference: str, lead: str, tmp_path: Path) -> None
     check(source, 6 + LEADS, [1] * 5)
     assert any(f"valid times from {reference} and {lead}" in note for note in source.notes)
     with xr.open_dataset(path) as data:
-        check(sources.open_source("current", memory.Held("x", data)), 6 + LEADS, [1] * 5)
+        check(sources.open_source("current", memory.NamedDataset("x", data)), 6 + LEADS, [1] * 5)
 
 
 def test_the_later_run_wins_and_one_can_be_chosen(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from geo.array import Array
-from geo.forcing.reading.kept import Finished, Shelf
+from geo.forcing.reading.kept import Shelf, SliceCache
 from geo.forcing.reading.stored import Stored
 
 # a denormal number too
@@ -151,14 +151,14 @@ print(Stored(folder).get("key", make).sum())
 
 
 def test_what_is_in_memory_goes_to_the_store_and_comes_from_there(tmp_path: Path) -> None:
-    finished, make = Finished(first=True), Maker()
+    finished, make = SliceCache(first=True), Maker()
     shelf = Shelf("part", finished)
     shelf.made(make, 2, 0)
     finished.store(tmp_path)
     held = shelf.find(2, 0)
     assert held is not None
     assert same(held)
-    other = Finished()
+    other = SliceCache()
     other.store(tmp_path)
     assert same(Shelf("part", other).made(make, 2, 0))
     assert make.calls == 1

@@ -77,7 +77,7 @@ def test_packed_limits(key: str, tmp_path: Path) -> None:
     assert error < 0.51 * abs(scale)
     for opened in (xr.open_dataset(path), xr.open_dataset(path, decode_cf=False)):
         with opened:
-            assert held(sources.open_source("current", memory.hold({"a": opened})["a"]))[0]
+            assert held(sources.open_source("current", memory.wrap_datasets({"a": opened})["a"]))[0]
 
 
 def test_a_value_at_its_limit_is_valid(tmp_path: Path) -> None:

@@ -58,7 +58,9 @@ def test_a_block_at_one_place_is_no_place_but_a_single_point_there_is() -> None:
     filled = np.zeros(lon.shape, bool)
     filled[1:4, 10:15] = True
     notes: list[str] = []
-    found = absent.without(np.where(filled, 0.0, lon), np.where(filled, 0.0, lat), notes)
+    found = absent.drop_missing_points(
+        np.where(filled, 0.0, lon), np.where(filled, 0.0, lat), notes
+    )
     for values, whole in zip(found, (lon, lat), strict=True):
         np.testing.assert_array_equal(values, np.where(filled, np.nan, whole))
     assert len(notes) == 1

@@ -47,7 +47,9 @@ def binary(east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 def about(coast: shoreline.Coast, lon: int, lat: int) -> np.ndarray:
     """Return all edges [m east and north of a point], in its tangent plane, float64, (m, 2, 2)."""
-    edges = shoreline.edges(coast).reshape(-1, 2, 2).astype(float) - np.array([lon, lat], float)
+    edges = shoreline.shoreline_edges(coast).reshape(-1, 2, 2).astype(float) - np.array(
+        [lon, lat], float
+    )
     return edges * METRE * np.array([np.cos(lat * sphere.UNIT), 1.0])
 
 
@@ -111,7 +113,7 @@ def test_the_line_of_an_edge_faces_the_point() -> None:
     line to the point.
     """
     coast = built(wavy())
-    edges = shoreline.edges(coast)
+    edges = shoreline.shoreline_edges(coast)
     lon, lat = binary(RNG.uniform(-4000, 4000, 500), RNG.uniform(-8000, 8000, 500))
     number = RNG.integers(0, len(edges), 500).astype(np.int32)
     out = np.zeros(1500, np.float32)
@@ -325,7 +327,9 @@ def test_a_bent_way_meets_the_land_where_its_curve_does() -> None:
     """
     n = 800
     coast = built(wavy())
-    land = shapely.polygonize(shapely.linestrings(shoreline.edges(coast).reshape(-1, 2, 2)))
+    land = shapely.polygonize(
+        shapely.linestrings(shoreline.shoreline_edges(coast).reshape(-1, 2, 2))
+    )
     lon, lat = binary(RNG.uniform(-2500, -600, n), RNG.uniform(-6000, 6000, n))
     dlon, dlat = (np.round(RNG.normal(0, 800, (2, n)) / METRE)).astype(np.int32)
     bend = (RNG.normal(0, 9000, (n, 4)) / METRE).astype(np.float32)  # bulges of some 2 km
@@ -379,7 +383,7 @@ def test_a_straight_step_ends_where_it_meets_the_land_or_slides_along_it(slides:
     """Shapely says which steps meet the land, where, and that all end in the water."""
     coast = built(wavy())
     land = shapely.transform(
-        shapely.polygonize(shapely.linestrings(shoreline.edges(coast).reshape(-1, 2, 2))),
+        shapely.polygonize(shapely.linestrings(shoreline.shoreline_edges(coast).reshape(-1, 2, 2))),
         lambda p: p,
     )
     lon, lat = binary(RNG.uniform(-2500, -600, 800), RNG.uniform(-6000, 6000, 800))
@@ -424,7 +428,7 @@ def test_a_straight_step_ends_where_it_meets_the_land_or_slides_along_it(slides:
     )
     np.testing.assert_allclose(part[hit], touch / shapely.length(ways[hit]), atol=4 * EPS)
     struck = shapely.linestrings(
-        shoreline.edges(coast)[number[hit]].reshape(-1, 2, 2).astype(float)
+        shoreline.shoreline_edges(coast)[number[hit]].reshape(-1, 2, 2).astype(float)
     )
     # units
     assert (

@@ -126,7 +126,7 @@ def test_more_threads_than_cores_are_announced_before_the_run(
     def stop(*_: object) -> None:
         raise UserError("stopped here")
 
-    monkeypatch.setattr(cards, "start", stop)
+    monkeypatch.setattr(cards, "start_backend", stop)
     assert commands.main(["run", str(path), "--threads", str(runtime.cores() + 1)]) != 0
     first, *_ = capsys.readouterr().err.splitlines()
     cores = runtime.cores()

@@ -71,7 +71,7 @@ def drift_on(
     if prepare:
         prepare(ensemble)
     device = device_coast.upload(shore) if shore else None
-    source = sources.constant("current", *current)
+    source = sources.constant_field("current", *current)
     scene = Scene(
         Forcing([Sources({"current": (source,)})], direction),
         (Motion(DRIFT, physics),),

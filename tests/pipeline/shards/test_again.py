@@ -21,7 +21,7 @@ from drift.forecast.products import chapter as forecast_chapter
 from drift.pipeline import flow
 from drift.pipeline.shards import shelf
 from drift.products.files import hidden
-from drift.products.files.chapter import Chapter
+from drift.products.files.chapter import OutputBundle
 from geo.errors import UserError
 
 SMALL = {"particles": 9000}  # three blocks
@@ -255,7 +255,7 @@ def test_what_a_run_follows_from_is_asked(
             assert f": {said} changed since" in caplog.text
     with monkeypatch.context() as patch:
         write = flow.write
-        patch.setattr(flow, "write", lambda result, job: write(result, job, more=[Chapter()]))
+        patch.setattr(flow, "write", lambda result, job: write(result, job, more=[OutputBundle()]))
         drift.run(own, tmp_path / "plan")
         patch.setattr(flow, "kept", begin)
         with pytest.raises(Begun):

@@ -43,12 +43,12 @@ def written(tmp_path, particles: int):
 
 def test_what_is_needed(tmp_path):
     """Two outputs of 17 to 40 bytes a particle are 34 to 80 GB; 10^9 at 8e6 a second take 125 s."""
-    words = outlook.needs(case_file.load(written(tmp_path, 10**9)))
+    words = outlook.shard_needs(case_file.load(written(tmp_path, 10**9)))
     assert words.startswith("1,000,000,000 particles are moved in ")
     size = float(words.partition(" shards. They need ")[2].partition(" GiB of disk")[0])
     assert 34e9 / 2**30 < size < 80e9 / 2**30
     assert "about 2 min on two cores" in words
-    assert outlook.needs(case_file.load(written(tmp_path, 10**5))) is None
+    assert outlook.shard_needs(case_file.load(written(tmp_path, 10**5))) is None
 
 
 def test_no_room_is_refused_before_anything_is_drawn(tmp_path, full_disk):

@@ -167,7 +167,7 @@ def test_of_a_particle_that_passes(passing):
 def test_of_an_array_that_is_towed_and_turns():
     """Its heading is its course, and it listens while it is on its way; the particle lies still."""
     own = sonar(line())
-    legs = polyline.through(
+    legs = polyline.legs_through(
         [START + 1800, START + 5400, START + 9000], [179.2, 179.7, 179.7], [41.0, 41.0, 41.35]
     )
     there = (180.2, 41.3)

@@ -217,7 +217,7 @@ def test_a_town_across_water_is_not_what_a_shore_lies_near(tmp_path, monkeypatch
     monkeypatch.setattr(gazetteer, "_all", lambda: towns)
     segments, _ = walkable(spill_of(tmp_path, unit("")))
     at = [(0.02, 0.25), (0.29, 0.25), (0.16, 0.25), (0.2, 0.2)]
-    near = gazetteer.nearest(*np.array(at).T, segments.land)
+    near = gazetteer.nearest_towns(*np.array(at).T, segments.land)
     assert [(town.name, town.across) for town in near] == [
         ("main", True),
         ("east", False),
@@ -229,7 +229,7 @@ def test_a_town_across_water_is_not_what_a_shore_lies_near(tmp_path, monkeypatch
         gazetteer.place_in_words(near[3])
         == f"{math.hypot(0.2, 0.01) * DEGREE / 1000:.0f} km from main"
     )
-    assert [town.name for town in gazetteer.nearest(*np.array(at).T)] == [
+    assert [town.name for town in gazetteer.nearest_towns(*np.array(at).T)] == [
         "main",
         "east",
         "east",

@@ -109,7 +109,7 @@ def test_a_boat_goes_round_and_an_aircraft_over(planned: tuple[Path, Plan]) -> N
     folder, made = planned
     boat, plane = one(made, "boat"), one(made, "plane")
     assert (plane.out, plane.back, plane.cut) == ((), (), ())
-    land = shore.land(folder / "islands.geojson", Box(179.0, 19.5, 181.0, 20.6)).polygons
+    land = shore.read_land(folder / "islands.geojson", Box(179.0, 19.5, 181.0, 20.6)).polygons
     assert boat.out[0] == pytest.approx(boat.unit.base)
     legs = boat.sortie.legs
     assert legs is not None

@@ -228,7 +228,7 @@ BASE, OUT = (4.95, 60.60), (4.55, 60.72)
 @pytest.fixture(scope="module")
 def norway() -> np.ndarray:
     """The coast between Bergen and the open sea, full resolution."""
-    return shore.land("gshhg", Box(3.9, 59.9, 6.2, 61.2)).polygons
+    return shore.read_land("gshhg", Box(3.9, 59.9, 6.2, 61.2)).polygons
 
 
 def boat(**more: object) -> courses.Unit:

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from drift.products.files import chapter, writer
-from drift.products.files.chapter import Chapter
+from drift.products.files.chapter import OutputBundle
 
 TABLE = {
     "a.txt": lambda one, stamped: f"{one} of {stamped['seed']}",
@@ -16,7 +16,7 @@ def test_a_table_is_bound_to_what_its_topic_has_found() -> None:
     """Each row makes what its function makes of it; two topics of one table do not disturb each
     other.
     """
-    first, second = chapter.bound(TABLE, "salt"), chapter.bound(TABLE, "ice")
+    first, second = chapter.bind_outputs(TABLE, "salt"), chapter.bind_outputs(TABLE, "ice")
     assert list(first) == list(TABLE)
     assert [make({"seed": "7"}) for make in (*first.values(), *second.values())] == [
         "salt of 7", "SALT", "ice of 7", "ICE"
@@ -28,19 +28,21 @@ def test_chapters_become_one_result(tmp_path: Path) -> None:
     of all in every file.
     """
     drawn: list[str] = []
-    run = Chapter({"one": 1, "two": 2}, facts={"title": "t", "seed": "7"}, warnings=("first",))
-    topic = Chapter(
+    run = OutputBundle({"one": 1, "two": 2}, facts={"title": "t", "seed": "7"}, warnings=("first",))
+    topic = OutputBundle(
         {"two": 20, "three": 3},
-        chapter.bound(TABLE, "salt"),
+        chapter.bind_outputs(TABLE, "salt"),
         {"c.png": lambda path: drawn.append(path.name)},
     )
-    other = Chapter(warnings=("second", "third"))
+    other = OutputBundle(warnings=("second", "third"))
     topic.pictures["c.png"](tmp_path / "by itself.png")
 
     def draw(path: Path) -> None:
         path.write_bytes(b"ink")
 
-    paths = writer.write(tmp_path / "out", [run, topic, other, Chapter(pictures={"c.png": draw})])
+    paths = writer.write(
+        tmp_path / "out", [run, topic, other, OutputBundle(pictures={"c.png": draw})]
+    )
     assert {path.name for path in paths} == {
         "a.txt",
         "b.txt",
@@ -58,5 +60,5 @@ def test_chapters_become_one_result(tmp_path: Path) -> None:
         ("three", 3),
     ]
     assert (told["title"], told["run_id"][-3:]) == ("t", "-s7")
-    paths = writer.write(tmp_path / "calm", [Chapter(facts={"seed": "7"})])
+    paths = writer.write(tmp_path / "calm", [OutputBundle(facts={"seed": "7"})])
     assert "warning" not in json.loads((tmp_path / "calm" / "summary.json").read_text())

@@ -21,7 +21,7 @@ def drawn(pictures: dict[str, Draw], folder: Path, processes: int) -> list[float
     """Draw pictures; return the shares that were told."""
     folder.mkdir()
     told: list[float] = []
-    with drawing.begun(pictures, folder, processes) as finish:
+    with drawing.draw_in_parallel(pictures, folder, processes) as finish:
         finish(told.append)
     assert sorted(p.name for p in folder.iterdir()) == sorted(pictures)
     return told
@@ -105,7 +105,7 @@ def test_copies_end_with_what_failed_here(tmp_path: Path) -> None:
     before = children()
     with (
         pytest.raises(KeyboardInterrupt),
-        drawing.begun({"a.png": slow, "b.png": slow}, tmp_path, 2),
+        drawing.draw_in_parallel({"a.png": slow, "b.png": slow}, tmp_path, 2),
     ):
         raise KeyboardInterrupt
     assert children() == before

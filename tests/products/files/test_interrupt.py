@@ -27,11 +27,11 @@ def hung_up(during: contextlib.AbstractContextManager[None]) -> None:
     with interrupt.ending_cleanly():
         with during:
             os.kill(os.getpid(), signal.SIGHUP)
-        interrupt.heed()
+        interrupt.raise_if_interrupted()
 
 
 @pytest.mark.usefixtures("hangup")
-@pytest.mark.parametrize("during", [contextlib.nullcontext, interrupt.undisturbed])
+@pytest.mark.parametrize("during", [contextlib.nullcontext, interrupt.signals_deferred])
 def test_a_terminal_that_goes_unwinds_the_run(
     during: Callable[[], contextlib.AbstractContextManager[None]],
 ) -> None:
@@ -47,7 +47,7 @@ def test_a_run_that_is_to_outlive_its_terminal_does() -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with interrupt.ending_cleanly():
         os.kill(os.getpid(), signal.SIGHUP)
-        with interrupt.undisturbed(), interrupt.leaving_at_once():
+        with interrupt.signals_deferred(), interrupt.exit_on_signal():
             os.kill(os.getpid(), signal.SIGHUP)
-        interrupt.heed()
+        interrupt.raise_if_interrupted()
     assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN

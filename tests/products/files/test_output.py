@@ -25,7 +25,7 @@ from drift.forecast.products import chapter as forecast_chapter
 from drift.forecast.products import map as forecast_map
 from drift.forecast.tracks import Trajectories
 from drift.products.files import writer
-from drift.products.files.chapter import Chapter
+from drift.products.files.chapter import OutputBundle
 from drift.products.maps.imprint import Imprint, Setting
 from geo import notation, sphere
 from geo.errors import UserError
@@ -91,8 +91,8 @@ def ink(path):
 
 def write(folder, forecast, tracks):
     matter = forecast_chapter.ForecastOutputs(forecast, tracks, Setting(Imprint("test")))
-    whole = replace(forecast_chapter.chapter(matter), pictures={"map.png": ink})
-    run = Chapter({"wall": {"advance": 1.5}}, facts=ATTRIBUTES)
+    whole = replace(forecast_chapter.forecast_bundle(matter), pictures={"map.png": ink})
+    run = OutputBundle({"wall": {"advance": 1.5}}, facts=ATTRIBUTES)
     return writer.write(folder, [run, whole])
 
 
@@ -117,7 +117,7 @@ def test_map_png_is_of_the_output_that_matters(
     setting = Setting(
         Imprint("test"), opens=None if opens is None else TIMES[opens] + np.timedelta64(5, "s")
     )
-    pictures = forecast_chapter.chapter(
+    pictures = forecast_chapter.forecast_bundle(
         forecast_chapter.ForecastOutputs(forecast, tracks, setting)
     ).pictures
     pictures["map.png"](tmp_path / "map.png")
@@ -132,7 +132,9 @@ def write_little(folder, pictures=MappingProxyType({"map.png": ink}), **more):
         "forecast.nc": lambda stamped: xr.Dataset({"x": ("n", np.arange(3.0))}),
         "track.csv": lambda stamped: "time,\n",
     }
-    return writer.write(folder, [Chapter(files=files, pictures=pictures, facts=ATTRIBUTES)], **more)
+    return writer.write(
+        folder, [OutputBundle(files=files, pictures=pictures, facts=ATTRIBUTES)], **more
+    )
 
 
 def test_all_files_and_nothing_else(written):

@@ -84,7 +84,7 @@ def test_without_room_on_disk_they_stay_in_memory(monkeypatch: pytest.MonkeyPatc
 def test_what_is_let_go_stays() -> None:
     values, small = temporary.zeros([(700, 500, 200), (3, 4)], np.float32)
     values[17, 3] = 5
-    temporary.let_go(values)
-    temporary.let_go(small)
+    temporary.release_pages(values)
+    temporary.release_pages(small)
     assert values[17, 3].tolist() == [5] * 200
     assert values[16].max() == 0

@@ -20,7 +20,7 @@ def test_harbours_are_where_they_are(name):
     lon, lat = HARBOURS[name]
     found = {
         place.name: place
-        for place in gazetteer.around(Box(lon - 0.6, lat - 0.4, lon + 0.6, lat + 0.4))
+        for place in gazetteer.places_in_box(Box(lon - 0.6, lat - 0.4, lon + 0.6, lat + 0.4))
     }
     assert found[name].harbour
     _, _, metres = Geod(ellps="WGS84").inv(lon, lat, found[name].lon, found[name].lat)
@@ -28,16 +28,16 @@ def test_harbours_are_where_they_are(name):
 
 
 def test_a_box_across_180_names_both_sides_without_a_jump():
-    places = gazetteer.around(Box(177.0, -19.0, 182.0, -15.0), 30)
+    places = gazetteer.places_in_box(Box(177.0, -19.0, 182.0, -15.0), 30)
     assert all(177 <= place.lon <= 182 for place in places)
     assert {place.lon > 180 for place in places} == {True, False}
 
 
 def test_few_are_named_and_well_apart():
     box = Box(-10.0, 35.0, 30.0, 60.0)
-    places = gazetteer.around(box, 15)
+    places = gazetteer.places_in_box(box, 15)
     assert len(places) == 15
     at = np.array([[place.lon * np.cos(np.radians(47.5)), place.lat] for place in places])
     apart = np.hypot(*(at[:, None] - at[None]).transpose(2, 0, 1))[np.triu_indices(15, 1)]
     assert apart.min() >= gazetteer.APART * (30 + 10) * np.cos(np.radians(47.5))
-    assert gazetteer.around(Box(-40.0, -50.0, -35.0, -47.0)) == []  # nobody lives there
+    assert gazetteer.places_in_box(Box(-40.0, -50.0, -35.0, -47.0)) == []  # nobody lives there

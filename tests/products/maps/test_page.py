@@ -13,14 +13,14 @@ STORIES = [
 
 
 def test_names_with_room_stay_as_they_are() -> None:
-    assert page.names(["adrift", *STORIES], 40) == ["adrift", *STORIES]
+    assert page.shorten_names(["adrift", *STORIES], 40) == ["adrift", *STORIES]
 
 
 def test_what_names_share_is_left_out_first() -> None:
-    short = page.names(["adrift since its last report", *STORIES], 26)
+    short = page.shorten_names(["adrift since its last report", *STORIES], 26)
     assert short[0] == "adrift since its last …"
     assert short[1:] == [name.replace("transit,", "…") for name in STORIES]
-    assert page.names(STORIES[:4], 20) == [
+    assert page.shorten_names(STORIES[:4], 20) == [
         name.replace("transit, north,", "…") for name in STORIES[:4]
     ]
 
@@ -28,7 +28,7 @@ def test_what_names_share_is_left_out_first() -> None:
 @pytest.mark.parametrize("letters", [8, 12, 17, 23, 30])
 def test_those_that_differ_still_do(letters: int) -> None:
     names = [*STORIES, "adrift since its last report", "a story of one word only", *STORIES[:2]]
-    short = page.names(names, letters)
+    short = page.shorten_names(names, letters)
     assert max(map(len, short)) <= letters
     assert short[-2:] == short[:2]
     if letters >= 23:  # in fewer there is no room for all that differs

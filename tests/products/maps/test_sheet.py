@@ -28,12 +28,12 @@ def test_words_stand_where_the_sheet_says_and_keep_apart(tmp_path: Path, caution
     """Boxes of the texts as Matplotlib draws them: none covers another or leaves the page, but
     where there is no room left to cut.
     """
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     imprint = Imprint(LONG, "casp-drift " * 30, {"case": "Bjørnøya"}, caution)
-    sheet.head(on, imprint, "first line", "a second line that is longer than it may be")
-    sheet.rough(on, "ONLY 3 of 5,000 particles are effective")
-    sheet.say(on, sheet.warning(0.6, 9), "1.2 % of the probability is not on the map")
-    sheet.end(on, tmp_path / "a.png", imprint, "another title")
+    sheet.write_head(on, imprint, "first line", "a second line that is longer than it may be")
+    sheet.draw_rough_banner(on, "ONLY 3 of 5,000 particles are effective")
+    sheet.write_line(on, sheet.warning(0.6, 9), "1.2 % of the probability is not on the map")
+    sheet.finish_page(on, tmp_path / "a.png", imprint, "another title")
     texts = {text.get_text(): text for text in on.figure.texts}
     assert len(texts) == 6 + bool(caution)
     title = next(text for words, text in texts.items() if words.startswith("Raft adrift"))
@@ -68,7 +68,7 @@ def test_the_numbers_of_a_density_scale_are_those_of_its_colours(
     """A number v per area stands where the shading's value is v / area [% per nmi2]; the scale ends
     within its axes.
     """
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     ax = on.figure.add_axes((0.1, 0.3, 0.3, 0.3))
     mesh = ax.pcolormesh(np.linspace(0, top, 12).reshape(3, 4), norm=PowerNorm(0.5, 0, top))
     bar, told = sheet.density_bar(on.figure, box, mesh)
@@ -84,7 +84,7 @@ def test_the_numbers_of_a_density_scale_are_those_of_its_colours(
 
 
 def test_a_legend_has_no_frame() -> None:
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     legend = sheet.legend(
         on.figure,
         [(Line2D([], []), "one"), (Line2D([], []), "other")],

@@ -164,13 +164,13 @@ def test_nothing_can_be_fetched(browser: Any, results: Path) -> None:
 def test_the_slider_moves_through_the_outputs(browser: Any, results: Path) -> None:
     """By keys, by the buttons, by a row of the table, and by playing; what is told is track.csv's."""
     data = xr.open_dataset(results / "forecast.nc")
-    groups = [notation.group(time) for time in data["time"].values]
+    groups = [notation.format_dtg(time) for time in data["time"].values]
     with Opened(browser, results) as opened:
         page = opened.page
         now = page.locator("#now")
         # It opens after the only sortie, which is neither the first output nor the last.
         assert now.inner_text().startswith(
-            notation.group(drift.load(results.parent / "case.toml").sorties[0].end)
+            notation.format_dtg(drift.load(results.parent / "case.toml").sorties[0].end)
         )
         assert not now.inner_text().startswith((groups[0], groups[-1]))
         page.locator("#slider").focus()

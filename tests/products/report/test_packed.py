@@ -68,8 +68,8 @@ def test_cells_put_together_keep_the_whole(fold: int) -> None:
     """
     rng = np.random.default_rng(2)
     values = rng.random((2, 7, 5))
-    assert packed.summed(values, fold).sum() == pytest.approx(values.sum(), rel=1e-12)
-    blocks = packed.least(values, fold)
+    assert packed.merge_by_sum(values, fold).sum() == pytest.approx(values.sum(), rel=1e-12)
+    blocks = packed.merge_by_minimum(values, fold)
     assert blocks[1, 0, 0] == values[1, :fold, :fold].min()
     axis = packed.axis(np.linspace(10.0, 10.6, 7), fold)
     assert axis["first"] == pytest.approx(10.0 + 0.05 * (fold - 1))
@@ -77,6 +77,6 @@ def test_cells_put_together_keep_the_whole(fold: int) -> None:
 
 
 def test_few_maps_are_not_put_together_and_many_fit() -> None:
-    assert packed.fold(20, 400, 400) == 1
-    fold = packed.fold(300, 1500, 1700)
+    assert packed.merge_factor(20, 400, 400) == 1
+    fold = packed.merge_factor(300, 1500, 1700)
     assert 300 * 1500 * 1700 / fold**2 <= packed.MOST < 300 * 1500 * 1700 / (fold - 1) ** 2

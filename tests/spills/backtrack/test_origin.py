@@ -109,14 +109,16 @@ def test_on_the_sphere_meridians_converge(direction: int) -> None:
     -tan(lat): ln cos.
     """
     log_weight, lat = weights(
-        sources.constant("current", 0.0, 1.2), 60.0, direction, 48 * HOUR, "rk4"
+        sources.constant_field("current", 0.0, 1.2), 60.0, direction, 48 * HOUR, "rk4"
     )
     run_setup = np.radians(60.0 + np.array([0.1, 0.15, -0.12, 0.0, -0.03]))
     expected = direction * np.log(np.cos(run_setup) / np.cos(lat))
     assert expected.min() > 0.05
     # the midpoint rule: (v dt / R)^2, and float32
     assert log_weight == pytest.approx(expected, rel=1e-4)
-    zonal, _ = weights(sources.constant("current", 1.2, 0.0), 60.0, direction, 48 * HOUR, "rk4")
+    zonal, _ = weights(
+        sources.constant_field("current", 1.2, 0.0), 60.0, direction, 48 * HOUR, "rk4"
+    )
     assert np.abs(zonal).max() < 1e-6
 
 
@@ -391,14 +393,14 @@ def test_finds_ashore_tell_the_release_by_the_law_of_arrivals(tmp_path, count: i
     """
     coast = straight()
     cut = segments.cut_coast(coast, 10_000.0)
-    on, _ = segments.nearest(cut, coast, 0.0, 0.04)
+    on, _ = segments.nearest_segment(cut, coast, 0.0, 0.04)
     text = ASHORE.replace("STRETCH", cut.name[on]).replace("objects = 1", f"objects = {count}")
     case = case_of(tmp_path, text + (count - 1) * text[text.index("[[find]]") :])
     found = origin(
-        case, environment(sources.constant("current", SPEED, 0.0), coast), cut, count * [on],
+        case, environment(sources.constant_field("current", SPEED, 0.0), coast), cut, count * [on],
         worlds=200, per_find=400, cells=24, times=12,
     )  # fmt: skip
-    edge = shoreline.edges(coast)[cut.of_edge == on]
+    edge = shoreline.shoreline_edges(coast)[cut.of_edge == on]
     south, north = np.sort(edge[:, [1, 3]].ravel())[[0, -1]] * (360 / sphere.TURN) * DEGREE
     away, y0 = -found.lon * DEGREE, found.lat * DEGREE
     arrival = (np.arange(800) + 0.5) * FOUND / 800
@@ -467,10 +469,10 @@ def test_a_patrol_that_misses_nothing_rules_out_earlier_landings(tmp_path) -> No
     """
     coast = straight()
     cut = segments.cut_coast(coast, 10_000.0)
-    on, _ = segments.nearest(cut, coast, 0.0, 0.04)
+    on, _ = segments.nearest_segment(cut, coast, 0.0, 0.04)
     text, passed = ASHORE.replace("STRETCH", cut.name[on]), 50 * HOUR
     patrol = f'[[patrol]]\nname = "p"\nstretches = ["{cut.name[on]}"]\ntime = "+{passed // HOUR} h"\ndetection = 1\n'
-    where = environment(sources.constant("current", SPEED, 0.0), coast)
+    where = environment(sources.constant_field("current", SPEED, 0.0), coast)
     before, after = (
         origin(
             case_of(tmp_path, said), where, cut, [on], worlds=50, per_find=100, cells=20, times=9
@@ -581,13 +583,13 @@ def test_finds_that_say_nothing_beyond_the_prior_are_said_to() -> None:
         # Cut at five standard deviations: what is beyond holds 6e-7, and says at most 13 nats.
         assert backward.information(told) == pytest.approx(exact, abs=2e-5)
         assert backward.summary(told)["information_bit"] == backward.information(told)
-        assert any("next to nothing" in words for words in backward.warnings(told)) == (
+        assert any("next to no information" in words for words in backward.warnings(told)) == (
             exact < backward.LITTLE
         )
 
 
 def test_finds_that_no_release_leads_to_are_refused_by_name(tmp_path) -> None:
-    where = environment(sources.constant("current", 0.5, 0.0))
+    where = environment(sources.constant_field("current", 0.5, 0.0))
     text = SPILL.replace(f"{WINDOW // HOUR} h", "6 h")
     with pytest.raises(UserError, match="no finds"):
         origin(case_of(tmp_path, text), where, None, [])

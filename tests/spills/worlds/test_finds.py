@@ -208,7 +208,11 @@ def test_a_patrol_that_finds_nothing_only_lowers_what_may_be_missed() -> None:
     assert chance[1].sum() > chance[0].sum() + 1
     evidence = [
         finds._evidence(
-            fates, t.known, finds._said(fates, t.known, []), np.zeros((20, 0)), np.zeros(20)
+            fates,
+            t.known,
+            finds._sums_by_world(fates, t.known, []),
+            np.zeros((20, 0)),
+            np.zeros(20),
         )
         for t in (without, patrolled)
     ]

@@ -153,7 +153,7 @@ def test_stretches_are_named_by_towns_and_ranked_by_the_kilometre(told) -> None:
     names, lons, lats, _, _ = gazetteer._all()
     rng = np.random.default_rng(4)
     lon, lat = rng.uniform(-10, 6, 40), rng.uniform(36, 60, 40)
-    for x, y, near in zip(lon, lat, gazetteer.nearest(lon, lat), strict=True):
+    for x, y, near in zip(lon, lat, gazetteer.nearest_towns(lon, lat), strict=True):
         a, b, east = np.radians(y), np.radians(lats), np.radians(lons - x)
         cos = np.sin(a) * np.sin(b) + np.cos(a) * np.cos(b) * np.cos(east)
         distance = sphere.RADIUS * np.arccos(np.clip(cos, -1, 1))

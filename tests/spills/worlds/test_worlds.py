@@ -161,7 +161,7 @@ def test_a_world_scales_all_the_leeway_of_its_objects(released: Any) -> None:
     """
     _, drawn, ensemble = released
     first, last = ensemble.scenarios[0]
-    raft = leeway.find("LIFE-RAFT-DB-10")
+    raft = leeway.find_class("LIFE-RAFT-DB-10")
     factor = drawn.windage[ensemble.world.to_numpy()[first:last]]
     # the downwind line is cut at 0: tests/engine/motion/test_leeway.py
     for side in ("right", "left"):

@@ -39,7 +39,7 @@ WAY = path.of_legs(*np.radians(PLACE), [path.Leg(math.radians(97), 18 * KNOT, 72
 
 @cache
 def coast() -> Shoreline:
-    built = edges.build_coast(land_of.land("gshhg", BOX), BOX)
+    built = edges.build_coast(land_of.read_land("gshhg", BOX), BOX)
     return Shoreline(built, device_coast.upload(built))
 
 
@@ -171,7 +171,7 @@ def test_far_north_parallels_are_short() -> None:
     ashore on Prins Karls Forland.
     """
     box = Box(2.0, 76.5, 25.0, 80.5)
-    built = edges.build_coast(land_of.land("gshhg", box), box)
+    built = edges.build_coast(land_of.read_land("gshhg", box), box)
     # 0.2 m of a parallel
     inner = shapely.union_all([shape.buffer(-1e-5) for shape in built.polygons])
     times = tuple(np.arange(80.0, 6000.0, 20.0))

@@ -78,7 +78,7 @@ class Along:
         return np.asarray(probability @ of)
 
 
-def along(places: Sequence[InFamily | None]) -> list[Along]:
+def axes_of_scenarios(places: Sequence[InFamily | None]) -> list[Along]:
     """Return the axes on which the scenarios of a run differ; places: position of each in its
     family, or None.
     """
@@ -97,7 +97,7 @@ def along(places: Sequence[InFamily | None]) -> list[Along]:
     return axes
 
 
-def effective(probability: Array) -> float:
+def effective_scenarios(probability: Array) -> float:
     """Return the effective number of scenarios: the exponential of the entropy of their
     probabilities.
     """
@@ -105,7 +105,7 @@ def effective(probability: Array) -> float:
     return math.exp(-float((own * np.log(own)).sum())) if own.size else 0.0
 
 
-def gathered(lines: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
+def merge_lines(lines: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
     """Return lines about scenarios, with equal statements about several of a family merged into one
     line.
 
@@ -138,7 +138,7 @@ def _scenario_of_line(line: str, places: Mapping[str, InFamily]) -> str | None:
     return None
 
 
-def together(names: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
+def merge_names(names: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
     """Return scenario names with those of a family merged: "transit, north (100)".
 
     places: by the names of scenarios.

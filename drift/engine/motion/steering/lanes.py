@@ -106,7 +106,9 @@ def route(network: Network, names: Sequence[str]) -> Route:
     behind = bearing(lon[1:], lat[1:], lon[:-1], lat[:-1]) + np.pi
     # At its two ends a route is extended straight, with the width of its only lane there.
     arriving, leaving = np.append(ahead[0], behind), np.append(ahead, behind[-1])
-    reach, toward = across(arriving, leaving, np.append(half[0], half), np.append(half, half[-1]))
+    reach, toward = line_across_corridor(
+        arriving, leaving, np.append(half[0], half), np.append(half, half[-1])
+    )
     length = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])
     # The path is shorter on one side of the corridor and longer on the other: paths must not run
     # backwards.
@@ -158,7 +160,9 @@ def join_networks(networks: Sequence[Network]) -> Network:
     return Network(tuple(node[0] for node in nodes), lon, lat, start, end, width, one_way)
 
 
-def across(arriving: Array, leaving: Array, before: Array, after: Array) -> tuple[Array, Array]:
+def line_across_corridor(
+    arriving: Array, leaving: Array, before: Array, after: Array
+) -> tuple[Array, Array]:
     """Return half length [m] and direction to starboard [rad] of the line across the corridor at
     corners.
 
@@ -220,7 +224,7 @@ def bearing(
     return np.arctan2(*sphere.offset(lon1, lat1, lon2, lat2))
 
 
-def directed(
+def lane_directions(
     network: Network,
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return (from, to, lane) of every permitted direction of a lane: numbers of nodes and lane,
@@ -236,7 +240,7 @@ def directed(
 
 def between(network: Network, a: int, b: int) -> int:
     """Return the number of the lane from one node to another."""
-    start, end, lane = directed(network)
+    start, end, lane = lane_directions(network)
     found = lane[(start == a) & (end == b)]
     if found.size:
         return int(found[0])
@@ -259,7 +263,7 @@ def between(network: Network, a: int, b: int) -> int:
 
 def _lengths(network: Network) -> sparse.csr_array:
     """Return the lengths [m] of lanes; row: from node, column: to node."""
-    a, b, _ = directed(network)
+    a, b, _ = lane_directions(network)
     length = sphere.distance(network.lon[a], network.lat[a], network.lon[b], network.lat[b])
     return sparse.csr_array((length, (a, b)), shape=(len(network.name),) * 2)
 

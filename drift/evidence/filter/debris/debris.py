@@ -1,7 +1,7 @@
-"""Debris that contacts tell of: particles of a class of its own.
+"""Debris reported by contacts: particles with a leeway class of their own.
 
-They share releases and errors of the forcing with the object's particles, and drift beside them,
-slot by slot, until they are last asked for. Where they are reweights the object's particles.
+They share releases and forcing errors with the object's particles, and drift beside them, slot by
+slot, until their last contact. Their positions reweight the object's particles.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from kernels.maths import noise
 from kernels.maths.noise import Purpose
 from kernels.step.advance import Step
 
-# What debris shares with its object when both begin, in addition to the guiding.
+# Columns that debris shares with its object at the start, in addition to the pulls that guide it.
 SHARED = ("lon", "lat", "release", *drift.ERRORS)
 
 
@@ -27,22 +27,25 @@ SHARED = ("lon", "lat", "release", *drift.ERRORS)
 class Debris:
     """Debris of one class: an ensemble that drifts beside the object's, slot by slot.
 
-    It shares releases and errors of the forcing with the object's ensemble.
+    It shares releases and forcing errors with the object's ensemble.
     """
 
     ensemble: Ensemble
     scene: Scene
-    last: int  # [s after start] when it is last asked for
+    last: int  # [s after start] time of its last contact
     start: int  # of the run [s since 1970]
     # numbers of the scenarios whose objects steer before they go adrift
     steered: tuple[int, ...] = ()
     begin: Begin | None = None  # where its particles began the present step
 
     def advance(self, beside: Ensemble, begin: Begin | None, step: Step) -> None:
-        """Move it over the step that the objects beside it have just made.
+        """Move the debris over the step that the objects have just made.
 
-        begin: where they began the step, and where those that steer went adrift in it: there their
-        debris begins.
+        Args:
+            beside: the ensemble of the objects.
+            begin: where they began the step, and where steering objects went adrift during it,
+                which is where their debris begins.
+            step: the step.
         """
         if begin is not None and begin.helm is not None:
             release = beside.release.to_numpy()
@@ -64,12 +67,16 @@ def of_contacts(
     resumed: bool = False,
     copied: bool = False,
 ) -> dict[Drifter, Debris]:
-    """Return the debris that contacts tell of, by class; spec: what the objects beside it are drawn
-    from.
+    """Return the debris of all contacts, by class.
 
-    resumed: whether its columns come from elsewhere, and need not be drawn. copied: whether
-    releases and errors are those of the objects beside it as they stand, rather than drawn by the
-    same numbers: so it is where particles are guided.
+    Args:
+        spec: what the objects are drawn from.
+        contacts: time [s after start] and contact of each; those without a drifter are ignored.
+        scene: of the run.
+        beside: the ensemble of the objects.
+        resumed: whether the columns are loaded later, and need not be drawn.
+        copied: whether to copy releases and errors from the objects as they are, instead of drawing
+            them with the same random numbers. Guided particles need this.
     """
     finds = 0 if scene.guided is None else scene.guided.finds
     steered = tuple(number for number, scenario in enumerate(spec.scenarios) if scenario.itinerary)
@@ -82,7 +89,7 @@ def of_contacts(
             debris[drifter].last = max(debris[drifter].last, time)
             continue
         number = len(debris) + 1
-        # Debris drifts, however the object beside it moves.
+        # Debris drifts, whatever the motion model of its object.
         drifting = tuple(
             replace(s, object=drifter, model="drift", motion=None, itinerary=None)
             for s in spec.scenarios
@@ -92,13 +99,13 @@ def of_contacts(
             ensemble = prior.empty(own, beside.layout)
         else:
             ensemble = prior.draw_ensemble(own, scene.place.coast, beside.layout).ensemble
-            for slots in ensemble.slots:  # coefficients of its own
+            for slots in ensemble.slots:  # its own leeway coefficients
                 drift.draw_leeway(
                     ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter
                 )
         if (copied or finds) and not resumed:
             _copy_shared(ensemble, beside, finds)
-        if steered and not resumed:  # it goes adrift with its object
+        if steered and not resumed:  # it goes adrift when its object does
             own_release, theirs = ensemble.release.to_numpy(), beside.release.to_numpy()
             later = np.isin(beside.scenario.to_numpy(), steered)
             ensemble.release.from_numpy(np.where(later, theirs, own_release))
@@ -111,7 +118,7 @@ def of_contacts(
 
 
 def _copy_shared(ensemble: Ensemble, beside: Ensemble, finds: int) -> None:
-    """Give debris the releases, the errors and the pulls of the objects beside it."""
+    """Copy the releases, errors and pulls of the objects to their debris."""
     theirs, own = beside.columns, ensemble.columns
     pulls = [name for pair in guided.pull_names(finds) for name in pair]
     for name in (*SHARED, *pulls):

@@ -1,26 +1,27 @@
 """Particles guided toward finds of debris that would leave few of them any weight.
 
-A found object whose place is known to 0.2 nmi fits one particle in thousands where errors of the
-current have spread debris over 10 nmi. So what an object and its debris share (the place of the
-release, the errors of current and wind, the current's bias) is drawn from a proposal that knows the
-finds, and the weight of each particle makes up for it: prior over proposal (importance sampling
-with a defensive mixture: Hesterberg 1995, doi:10.1080/00401706.1995.10484303). The posterior stays
-the case's.
+If the position of a find is known to 0.2 nmi and errors of the current have spread debris over 10
+nmi, the find fits one particle in thousands. Therefore the unknowns that an object and its debris
+share (position of the release, errors of current and wind, bias of the current) are drawn from a
+proposal that uses the finds. The weight of each particle is prior over proposal (importance
+sampling with a defensive mixture: Hesterberg 1995, doi:10.1080/00401706.1995.10484303). The
+posterior is still that of the case.
 
-All that is shared is Gaussian: standard normals xi, which move debris by s = H xi [m] at the times
-of the finds (drift.evidence.filter.debris.responses). A particle keeps the xi' of its streams
+All shared unknowns are Gaussian: standard normals xi, which move debris by s = H xi [m] at the
+times of the finds (drift.evidence.filter.debris.responses). A particle keeps the xi' of its streams
 except for their projection on the rows of H: s' = H xi' becomes s, and xi = xi' + H^T S^+ (s - s'),
-S = H H^T. With probability PRIOR_SHARE s is drawn from the prior N(0, S); else from the law of s
-given the finds, if s moved debris by M (s - s') from where xi' leads it. Where that is, is
-computed: before the run the debris is moved once without a coast, so that its own leeway, its walk
-and the forcing's shear are met. Where M errs by more than the find does, this is repeated: debris
-is moved again from the s so found, and s is drawn by where it comes to then. All that q depends on
-besides the rest of xi', earlier s among it, are auxiliary variables of the proposal: the weight
-N(s; 0, S) / q(s) is exact however wrong M is, and at most 1 / PRIOR_SHARE. Debris that strands on
-its way is weighed by its run.
+S = H H^T. With probability PRIOR_SHARE, s is drawn from the prior N(0, S). Otherwise it is drawn
+from the distribution of s given the finds, with the model that s moves debris by M (s - s') from
+where xi' takes it. That position is computed: before the run, the debris is moved once without a
+coast, so that its own leeway, its random walk and the shear of the forcing are included. Where M
+errs by more than the find does, another pass moves the debris from the s of the pass before, and
+draws s by where it then arrives. All that the proposal density q depends on besides the rest of
+xi', such as the s of earlier passes, are auxiliary variables of the proposal. So the weight N(s; 0,
+S) / q(s) is exact, however wrong M is, and at most 1 / PRIOR_SHARE. The run itself weights debris
+that strands.
 
 Weights are scaled so that each block of particles has its share of the prior. This also accounts
-for the part of a prior that is on land, where no weight is left.
+for the part of a prior that is on land, where the weight is 0.
 """
 
 from collections.abc import Callable, Sequence
@@ -70,13 +71,14 @@ class Find(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """The response of a scenario's debris to s, estimated by a pilot, for each find."""
+    """The estimated response of a scenario's debris to s, from a pilot run, for each find."""
 
     inverse: Array  # (finds, 2, 2) inverse of M
     close: Array  # [m2] (finds, 2, 2) covariance of the finds, in terms of s
-    error: Array  # [m2] (finds, 2, 2) the same with what M errs: R of the proposal
-    mean: Array  # [m] (finds, 2) of debris seen from the find, without s: of debris that got lost
-    spread: Array  # [m2] (finds, 2, 2) covariance of that
+    error: Array  # [m2] (finds, 2, 2) the same plus the error of M: R of the proposal
+    # [m] (finds, 2) mean offset of debris from the find, less s; for debris that is not adrift then
+    mean: Array
+    spread: Array  # [m2] (finds, 2, 2) covariance of that offset
 
 
 Fits = tuple[Fit | None, ...]  # by scenario; None: its particles are not guided
@@ -84,11 +86,11 @@ Fits = tuple[Fit | None, ...]  # by scenario; None: its particles are not guided
 
 @dataclass(frozen=True, eq=False)
 class Guide:
-    """How the particles of a run are guided: the same for all of its shards."""
+    """The guiding of the particles of a run: the same for all of its shards."""
 
     finds: tuple[Find, ...]
     responses: Responses
-    passes: tuple[Fits, ...]  # one or several: each guides from where the one before has led
+    passes: tuple[Fits, ...]  # one or several: each starts from the positions of the one before
 
     def spec(self, spec: EnsembleSpec) -> EnsembleSpec:
         """Return the proposal from which guided particles are drawn."""
@@ -107,16 +109,14 @@ class Guide:
 
     @property
     def subsets(self) -> list[list[int]]:
-        """The finds of each part of the proposal: all, and each alone where one may be false."""
+        """The finds of each part of the proposal: all, and each alone if any may be false."""
         every = list(range(len(self.finds)))
         doubtful = any(f.contact.belief < 1 or f.contact.false_density > 0 for f in self.finds)
         return [every, *([k] for k in every if doubtful and len(every) > 1)]
 
 
 class Way(NamedTuple):
-    """Where debris was without a coast, at the times of finds, and the errors and releases that led
-    there.
-    """
+    """Positions of debris without a coast at the times of finds, and the s that led there."""
 
     lon: Array  # int32 binary angle (finds, n)
     lat: Array
@@ -126,7 +126,7 @@ class Way(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What a pilot run needs."""
+    """The arguments of a pilot run."""
 
     spec: EnsembleSpec
     scene: Scene
@@ -135,13 +135,13 @@ class Trial(NamedTuple):
 
 
 def finds_of(spec: EnsembleSpec, contacts: Sequence[Contact]) -> tuple[Find, ...]:
-    """Return the contacts that may guide particles: positions of debris, in the order of time."""
+    """Return the contacts that may guide particles: positions of debris, in order of time."""
     chosen = (c for c in contacts if c.drifter is not None and c.guide and c.kind == "position")
     return tuple(_find(spec, contact) for contact in chosen)
 
 
 def _find(spec: EnsembleSpec, contact: Contact) -> Find:
-    """Return a contact with the mean and covariance of all its fixes together."""
+    """Return a contact with the mean and covariance over all its fixes."""
     share = np.array([fix.share for fix in contact.fixes])
     lon = np.radians([fix.lon for fix in contact.fixes])
     lat = np.radians([fix.lat for fix in contact.fixes])
@@ -154,7 +154,7 @@ def _find(spec: EnsembleSpec, contact: Contact) -> Find:
 
 
 def axes_covariance(major: float, minor: float, orientation: float) -> Array:
-    """Return the covariance (east, north) of standard deviations along an axis and across it.
+    """Return the covariance (east, north) of standard deviations along and across an axis.
 
     Args:
         major: standard deviation along the axis [m].
@@ -170,8 +170,9 @@ def axes_covariance(major: float, minor: float, orientation: float) -> Array:
 
 
 def place_covariance(scenario: Scenario) -> Array:
-    """Return the covariance of a release that is guided too [m2], (2, 2): of a plain position
-    report.
+    """Return the covariance [m2] (2, 2) of a release that is guided too.
+
+    It is 0 unless the prior is a plain position report.
     """
     own = scenario.prior
     if isinstance(own, PositionPrior) and own.displacement is None:
@@ -183,8 +184,8 @@ def guide_particles(guide: Guide, trial: Trial, ensemble: Ensemble) -> Ensemble:
     """Guide newly drawn particles, in place, and set their importance weights.
 
     Args:
-        guide: how.
-        trial: what they are drawn from, and what they are about to go through.
+        guide: the finds, and the response of debris to the shared unknowns.
+        trial: what the particles are drawn from, and the forcing and steps of their run.
         ensemble: particles of a run or of a shard of it, as
             `drift.engine.motion.prior.draw_ensemble` returns them.
 
@@ -217,13 +218,13 @@ def guide_particles(guide: Guide, trial: Trial, ensemble: Ensemble) -> Ensemble:
 
 
 def with_columns(guide: Guide, ensemble: Ensemble) -> Ensemble:
-    """Return an ensemble with the columns that guide it, in which nothing guides it yet."""
+    """Return an ensemble with the columns that guide it, set to zero."""
     columns = guided.columns(len(guide.finds))
     return replace(ensemble, own={**ensemble.own, **record.filled(columns, ensemble.n)})
 
 
 def _free_places(guide: Guide, trial: Trial, ensemble: Ensemble) -> None:
-    """Draw releases that are guided as if there were no land: what ends on it loses its weight."""
+    """Draw guided releases as if there were no land; those on land later get weight 0."""
     if trial.scene.place.coast is None:
         return
     free = prior.draw_ensemble(trial.spec, None, ensemble.layout, still=True).ensemble
@@ -239,14 +240,14 @@ def _free_places(guide: Guide, trial: Trial, ensemble: Ensemble) -> None:
 
 
 def debris_way(guide: Guide, trial: Trial, ensemble: Ensemble, *, moved: bool) -> Way:
-    """Return where debris of some particles is without a coast at the times of the finds.
+    """Return the positions of debris at the times of the finds, computed without a coast.
 
     Args:
-        guide: the finds, and how far what is shared moves debris.
-        trial: what it goes through.
-        ensemble: the particles of its objects, which stay where they are.
-        moved: whether they have been guided: s is what their columns make of it then, else of their
-            streams.
+        guide: the finds, and the response of debris to the shared unknowns.
+        trial: the scene and the steps of the run.
+        ensemble: the particles of the objects, which do not move.
+        moved: whether they have been guided: s then follows from their columns, else from their
+            streams alone.
     """
     place = trial.scene.place._replace(coast=None, beach=advance.Beach(), guided=moved)
     finds, clock = guide.finds, trial.clock
@@ -294,8 +295,9 @@ def debris_way(guide: Guide, trial: Trial, ensemble: Ensemble, *, moved: bool) -
 
 
 def _shared(guide: Guide, spec: EnsembleSpec, ensemble: Ensemble, moved: bool) -> Array:
-    """Return s of particles from their streams and columns [m], (n, 2 finds); moved: of guided
-    ones.
+    """Return s of particles from their streams and columns [m], (n, 2 finds).
+
+    moved: whether the particles have been guided.
     """
     answers, many = guide.responses, len(guide.finds)
     rows = answers.rows_of(ensemble.release.to_numpy())
@@ -306,7 +308,7 @@ def _shared(guide: Guide, spec: EnsembleSpec, ensemble: Ensemble, moved: bool) -
     for slots in ensemble.slots:
         kernel.project(*slots, begins, numbers, answers.rows, many, table, sums, *key)
     total = sums.to_numpy().astype(np.float64).reshape(ensemble.n, many, 2)
-    if moved:  # their columns hold all but what their steps are given
+    if moved:  # their columns hold all of s except the pulls on the noise of their steps
         pull = np.stack([_pair(ensemble, f"pull_{k}") for k in range(many)], axis=1)
         total += np.einsum("nfg,ngc->nfc", answers.noise[rows], pull)
     for kind, name in enumerate(("current_error", "wind_error")):
@@ -342,11 +344,11 @@ def pull_particles(
     """Draw s and write the columns that produce it.
 
     Args:
-        guide: the finds, and how far what is shared moves debris.
-        fits: how debris answers.
-        spec: what particles are drawn from.
+        guide: the finds, and the response of debris to the shared unknowns.
+        fits: the fitted response of debris, by scenario.
+        spec: what the particles are drawn from.
         ensemble: particles, whose columns change.
-        way: where their debris came to, and their present s.
+        way: positions of their debris, and their present s.
         number: of the pass, from 0.
         last: whether s is final: drawn from the prior for PRIOR_SHARE of the particles.
 
@@ -355,7 +357,7 @@ def pull_particles(
     """
     answers, many = guide.responses, len(guide.finds)
     rows = answers.rows_of(ensemble.release.to_numpy())
-    late = np.asarray(answers.lasting[:, rows].min(axis=0) <= 0)  # released after a find: as drawn
+    late = np.asarray(answers.lasting[:, rows].min(axis=0) <= 0)  # released after a find: unguided
     known = np.asarray(way.known.all(axis=0))
     choice = ((ensemble.places + 0.5) * GOLDEN) % 1.0
     normals = _normals(ensemble, 2 * many, 2 * many * number)
@@ -395,9 +397,9 @@ def pull_particles(
 def _proposal(
     guide: Guide, fit: Fit, covariance: Array, way: Way, own: Array, known: bool
 ) -> tuple[Array, Proposal]:
-    """Return the finds as seen from some particles [m] (k, 2 finds), and the proposal by them.
+    """Return the finds relative to some particles [m] (k, 2 finds), and the proposal from them.
 
-    known: whether it is known where their debris came to.
+    known: whether the positions of their debris are known.
     """
     many = len(guide.finds)
     seen, error = np.empty((own.size, many, 2)), np.array(fit.error)
@@ -419,8 +421,9 @@ def _proposal(
 
 
 def _normals(ensemble: Ensemble, pairs: int, first: int) -> Array:
-    """Return standard normals of each particle, (n, 2 pairs), by its number in the run; first: of
-    these pairs.
+    """Return standard normals of each particle, (n, 2 pairs), by its number in the run.
+
+    first: number of the first of these pairs.
     """
     found = np.empty((ensemble.n, 2 * pairs))
     east, north = runtime.empty(ensemble.n), runtime.empty(ensemble.n)
@@ -433,8 +436,9 @@ def _normals(ensemble: Ensemble, pairs: int, first: int) -> Array:
 
 
 def _move_release(scenario: Scenario, ensemble: Ensemble, by: Array, span: tuple[int, int]) -> None:
-    """Move the releases of a scenario's slots by so much [m] (n, 2), in the tangent plane of the
-    report.
+    """Move the releases of a scenario's slots by offsets [m] (n, 2).
+
+    The offsets are east and north in the tangent plane of the position report.
     """
     own, (first, last) = scenario.prior, span
     if not isinstance(own, PositionPrior) or not by[first:last].any():
@@ -449,7 +453,7 @@ def _move_release(scenario: Scenario, ensemble: Ensemble, by: Array, span: tuple
 
 
 def _shift_errors(answers: Responses, ensemble: Ensemble, rows: Array, pull: Array) -> None:
-    """Add to errors and biases at the begin what pulls (n, finds, 2) make of them."""
+    """Add the effect of pulls (n, finds, 2) to the initial errors and biases."""
     shifts = {
         name: std * np.einsum("fn,nfc->nc", answers.state[:, rows, kind], pull)
         for kind, (name, std) in enumerate(

@@ -1,9 +1,8 @@
-"""The proposal by which guided particles are drawn: a mixture of the prior and of distributions
-given finds.
+"""The proposal for guided particles: a mixture of the prior and of posteriors given finds.
 
-What is drawn is s, the displacement [m] that the shared unknowns give debris at the times of its
-finds, of prior N(0, S). Finds are seen as y = s + error, of a covariance R that the proposal may
-choose.
+The variable is s, the displacement [m] that the shared unknowns give debris at the times of its
+finds, with prior N(0, S). Finds are observed as y = s + error, with an error covariance R that the
+proposal may choose.
 """
 
 from collections.abc import Sequence
@@ -15,19 +14,17 @@ from geo.array import Array
 
 
 class Part(NamedTuple):
-    """A part of the mixture that some finds determine."""
+    """A part of the mixture: the posterior given some of the finds."""
 
-    rows: Array  # components of s of those finds, int (k,)
-    error: Array  # [m2] covariance R of them, (k, k)
+    rows: Array  # components of s for those finds, int (k,)
+    error: Array  # [m2] covariance R of their errors, (k, k)
 
 
 class Proposal:
-    """A mixture: a share of the prior N(0, S), and for each part the distribution of s given its
-    finds.
-    """
+    """A mixture: a share of the prior N(0, S), and for each part the posterior given its finds."""
 
     def __init__(self, covariance: Array, parts: Sequence[Part], prior_share: float) -> None:
-        """Make ready.
+        """Factorize the covariance.
 
         Args:
             covariance: S [m2], shape (m, m).
@@ -74,12 +71,12 @@ class Proposal:
         return s, -np.logaddexp.reduce(ratios, axis=0)
 
     def _within(self, part: Part) -> Array:
-        """Return the covariance of what is seen of a part's finds."""
+        """Return the covariance of the observed displacements of a part's finds."""
         return np.asarray(self._covariance[np.ix_(part.rows, part.rows)] + part.error)
 
 
 def _log_normal(x: Array, covariance: Array) -> Array:
-    """Return the log density of a normal about 0, but for its constant, (n,)."""
+    """Return the log density of a normal about 0, without its constant, (n,)."""
     root = np.linalg.cholesky(covariance)
     white = np.linalg.solve(root, x.T)
     return np.asarray(-0.5 * (white**2).sum(axis=0) - np.log(np.diag(root)).sum())

@@ -1,13 +1,12 @@
-"""How far what is uncertain and shared moves debris by the times of its finds.
+"""The response of debris at the times of its finds to the uncertain forcing that it shares.
 
 The errors of current and wind are Ornstein-Uhlenbeck processes on the steps of the run's clock
-(kernels.step.errors): e' = a e + std sqrt(1 - a^2) xi, a = exp(-dt / time), and a step moves debris
-by the mean of e and e' over dt, times the share of the wind's speed that the debris has. So its
-displacement at a find is linear in the standard normals xi, and its coefficients follow from a
-recursion backward in time. They choose a direction in the space of xi, along which particles are
-guided: where forcing shears, where debris has more than a downwind slope, or where a particle
-begins inside a step, another direction would guide better, but any is exact
-(drift.evidence.filter.debris.guide).
+(kernels.step.errors): e' = a e + std sqrt(1 - a^2) xi, a = exp(-dt / time). A step moves debris by
+the mean of e and e' over dt, times the debris's share of the wind speed. So its displacement at a
+find is linear in the standard normals xi, and the coefficients follow from a recursion backward in
+time. They define a direction in the space of xi along which particles are guided. Another direction
+would guide better where forcing shears, where debris has more than a downwind slope, or where a
+particle begins inside a step; but any direction is exact (drift.evidence.filter.debris.guide).
 """
 
 from collections.abc import Sequence
@@ -24,7 +23,7 @@ from geo.array import Array
 
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """Displacements [m] at the times of finds, by row: steps of the clock from the run's start."""
+    """Displacements [m] at the times of finds, by row: one row per step from the run's start."""
 
     guided: Guided  # per unit normal of each step
     begins: Array  # [s after start] (rows,) when each row begins
@@ -51,18 +50,18 @@ class Responses:
         return np.asarray(rows, np.int32)
 
     def covariance(self, row: int, place: Array) -> Array:
-        """Return the covariance of displacements east and north of what begins in a row.
+        """Return the covariance of displacements (east, north) of debris released in a row.
 
         Args:
-            row: in which it is released.
-            place: covariance of its release [m2], shape (2, 2).
+            row: of the release.
+            place: covariance of the release position [m2], shape (2, 2).
 
         Returns:
-            Covariance [m2], shape (2 finds, 2 finds); both components of a find stand together.
+            Covariance [m2], shape (2 finds, 2 finds); both components of a find are adjacent.
         """
         state, last = self.state[:, row], self.bias * self.lasting[:, row]
-        alike = self.noise[row] + state @ state.T + np.outer(last, last)
-        return np.kron(alike, np.eye(2)) + np.kron(np.ones_like(alike), place)
+        per_component = self.noise[row] + state @ state.T + np.outer(last, last)
+        return np.kron(per_component, np.eye(2)) + np.kron(np.ones_like(per_component), place)
 
 
 def forcing_responses(
@@ -72,7 +71,7 @@ def forcing_responses(
 
     Args:
         errors: of current and wind.
-        finds: time [s after start] and class of debris of each.
+        finds: time [s after start] and leeway class of each.
         clock: of the run.
     """
     last = max(time for time, _ in finds)

@@ -1,18 +1,17 @@
-"""How well what a sensor of the case told fits each target: its chance of detection, a received
-level and a frequency.
+"""Likelihood of a contact by a sensor of the case: its POD, a received level and a frequency.
 
-A passive sonar hears a target where its signal excess S and the fluctuation e, normal with a
-deviation s, are together above 0. The level that is received is R = SL - TL + e. It is measured as
-y, with an error of deviation d, so that
+A passive sonar detects a target if its signal excess S plus the fluctuation e, normal with standard
+deviation s, is above 0. The received level is R = SL - TL + e. It is measured as y, with an error
+of standard deviation d, so that
 
     p(y, heard) = N(y; SL - TL, sqrt(s^2 + d^2)) Phi((S + k r) / sqrt(k) d),  r = y - (SL - TL),  k
     = s^2 / (s^2 + d^2):
 
-given y the fluctuation is normal about k r with a variance of k d^2, and the target was heard if S
-+ e > 0. An unknown of the group is added to SL - TL and so to S. A frequency arrives as f = f0 D, D
-= (c + w.u) / (c + v.u), with u from sensor to target, w the velocity of the sensor and v that of
-the target (Doppler's law for both in motion: Kinsler et al. 2000, Fundamentals of Acoustics, 4th
-ed.); with f0 normal it is normal too.
+given y, the fluctuation is normal with mean k r and variance k d^2, and the target was heard if S +
+e > 0. An unknown of the group is added to SL - TL and so to S. A frequency arrives as f = f0 D, D =
+(c + w.u) / (c + v.u), with u from sensor to target, w the velocity of the sensor and v that of the
+target (Doppler shift with both in motion: Kinsler et al. 2000, Fundamentals of Acoustics, 4th ed.);
+with f0 normal, f is normal too.
 """
 
 import math
@@ -26,34 +25,37 @@ from drift.evidence.filter.detection import sight
 from drift.evidence.filter.detection.sight import Targets
 from drift.evidence.filter.records import Contact, Heard, Tone
 from drift.evidence.sensors import grid_pod, hearing, unknown
-from drift.evidence.sensors.hearing import Ear
+from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import Sonar
 from geo import sphere
 from geo.array import Array
 
 
 class Sent(NamedTuple):
-    """What is known of the frequency that each target sends, normal, by all contacts of a group so
-    far.
-    """
+    """Normal estimate of each target's source frequency from all contacts of a group so far."""
 
     precision: Array  # 1 / variance [1/Hz^2] (n,)
-    turned: Array  # precision times its mean deviation from the frequency of the case [1/Hz] (n,)
+    turned: Array  # precision times mean deviation from the frequency of the case [1/Hz] (n,)
 
 
 def asks_velocity(contact: Contact) -> bool:
-    """Return whether it matters to a contact how fast a target is."""
+    """Return whether the likelihood of a contact depends on the target's velocity."""
     own = contact.heard
     return contact.moves or (
-        own is not None and (own.tone is not None or sight.by_speed(own.sensor))
+        own is not None and (own.tone is not None or sight.level_depends_on_speed(own.sensor))
     )
 
 
 def log_likelihood(contact: Contact, targets: Targets, sent: Sent | None = None) -> Array:
-    """Return the log density of what a sensor told, by value of the unknown, float64 (factors, n);
-    -inf: impossible.
+    """Return the log density of a contact by value of the unknown; -inf: impossible.
 
-    sent: what is known of the frequency by others of its group; None: what the case says.
+    Args:
+        contact: with `heard`.
+        targets: the particles.
+        sent: source frequency estimated from the group's other contacts; None: that of the case.
+
+    Returns:
+        Log densities, float64 (factors, n).
     """
     own = contact.heard
     assert own is not None
@@ -71,18 +73,26 @@ def log_likelihood(contact: Contact, targets: Targets, sent: Sent | None = None)
             detected = np.log(grid_pod.chance(sees, at, contact.time, lon, lat))[None]
     else:
         there &= ~np.isin(targets.status, STRANDED)
-        tables = Ear(sees, own.beams).tables(*at, own.heading, contact.time)
+        tables = Receiver(sees, own.beams).tables(*at, own.heading, contact.time)
         arrives, gain = hearing.terms(tables, *way)
         arrives = arrives + hearing.level(sees, targets.scenario, targets.speed)
         detected = np.stack(
-            [_heard(own, sees, arrives + offset, gain) for offset in unknown.values(own.sensor)[0]]
+            [
+                _log_detection(own, sees, arrives + offset, gain)
+                for offset in unknown.values(own.sensor)[0]
+            ]
         )
     return np.where(there, common + detected, -np.inf)
 
 
-def _heard(own: Heard, sonar: Sonar, arrives: Array, gain: Array) -> Array:
-    """Return the log density of hearing at once, and at the level that was measured, of levels [dB]
-    that arrive (n,).
+def _log_detection(own: Heard, sonar: Sonar, arrives: Array, gain: Array) -> Array:
+    """Return the log density of a detection, and of the measured level, given arriving levels.
+
+    Args:
+        own: the measurement.
+        sonar: the sonar.
+        arrives: levels that arrive [dB], shape (n,).
+        gain: gain - noise - threshold [dB], shape (n,).
     """
     from scipy import special  # imported here: few cases ask, and it takes a third of a second
 
@@ -95,13 +105,14 @@ def _heard(own: Heard, sonar: Sonar, arrives: Array, gain: Array) -> Array:
     both = math.hypot(sonar.fluctuation, error)
     share, off = (sonar.fluctuation / both) ** 2, value - arrives
     above = (arrives + gain + share * off) / (sonar.fluctuation * error / both)
-    found[audible] = contacts.normal(off, both) + special.log_ndtr(above)
+    found[audible] = contacts.log_normal_density(off, both) + special.log_ndtr(above)
     return found
 
 
 def doppler(own: Heard, targets: Targets, way: tuple[Array, Array]) -> Array:
-    """Return by what factor the frequency that each target sends is shifted, (n,); way: (east,
-    north) [m] to it.
+    """Return the Doppler factor on each target's source frequency, (n,).
+
+    way: offset (east, north) [m] from sensor to target.
     """
     assert own.tone is not None
     far = np.maximum(np.hypot(*way), 1e-9)
@@ -113,25 +124,25 @@ def doppler(own: Heard, targets: Targets, way: tuple[Array, Array]) -> Array:
     )
 
 
-def at_first(tone: Tone, n: int) -> Sent:
-    """Return what is known of the frequency of n targets before any contact of its group."""
+def initial_source_frequency(tone: Tone, n: int) -> Sent:
+    """Return the estimated frequency of n targets before any contact of the group."""
     return Sent(np.full(n, tone.source_std**-2.0), np.zeros(n))
 
 
 def _frequency(tone: Tone, shift: Array, sent: Sent | None) -> Array:
-    """Return the log density of a frequency, of targets whose own is shifted by a factor (n,)."""
+    """Return the log density of a received frequency, given Doppler factors (n,)."""
     if sent is None:
-        return contacts.normal(
+        return contacts.log_normal_density(
             tone.value - tone.source * shift, np.hypot(tone.std, tone.source_std * shift)
         )
     mean = tone.source + sent.turned / sent.precision
-    return contacts.normal(
+    return contacts.log_normal_density(
         tone.value - mean * shift, np.sqrt(tone.std**2 + shift**2 / sent.precision)
     )
 
 
-def learned(contact: Contact, targets: Targets, sent: Sent) -> Sent:
-    """Return what is known of the frequency after a contact (a normal times a normal)."""
+def update_source_frequency(contact: Contact, targets: Targets, sent: Sent) -> Sent:
+    """Return the estimated frequency after a contact (product of normal densities)."""
     own = contact.heard
     assert own is not None
     assert own.tone is not None

@@ -1,10 +1,10 @@
-"""Laws of detection: each one entry of a table, from coverage to probability of detection and back.
+"""Detection functions: from coverage to probability of detection and back.
 
-Coverage C is sweep width times track over area. Sources: Koopman 1980, Search and Screening,
+Coverage C is sweep width times track length over area. Sources: Koopman 1980, Search and Screening,
 chapter 3 (inverse cube, random search, definite range); Washburn 2014, Search and Detection,
-chapter 2; the M-beta law is SAROPS' way to turn a sweep width into a chance and a range.
+chapter 2. M-beta is SAROPS' conversion of a sweep width into a probability and a range.
 
-A new law is one entry of LAWS; a law with parameters of its own adds them to
+A new detection function is one entry of LAWS. If it has parameters, add them to
 drift.evidence.filter.records.Law and their keys to drift.case.search.sensor.
 """
 
@@ -21,10 +21,10 @@ from drift.evidence.filter.records import Law
 from geo.array import Array
 
 NODES = 16  # nodes of the quadrature over an unknown sweep width
-OFFSETS = 2000  # offsets over which endless sweeps by a curve are averaged
-MOST = 50.0  # coverage beyond which nothing is asked
-ACROSS = 4000  # ranges at which a lateral range curve is looked up
-ENDS = 0.25  # sweep widths by which the two ends of a path make it longer (see concave)
+OFFSETS = 2000  # lateral offsets over which endless sweeps by a curve are averaged
+MOST = 50.0  # highest coverage
+ACROSS = 4000  # ranges at which a lateral range curve is evaluated
+ENDS = 0.25  # sweep widths that the two ends of a path add to its length (see concave)
 
 
 def _plain(law: Law) -> str:
@@ -33,40 +33,45 @@ def _plain(law: Law) -> str:
 
 @dataclass(frozen=True)
 class Formulas:
-    """The formulas of a law. Each takes the law, for its parameters."""
+    """The formulas of a detection function. Each takes the law, for its parameters."""
 
-    # How it detects: at a rate anywhere in its area; at a rate all along its legs; once, abeam of a
-    # leg.
+    # How it detects: by a rate anywhere in its area, by a rate along its legs, or once, abeam of
+    # each leg.
     detects: Literal["anywhere", "along", "abeam"]
     pod: Callable[[Law, Array], Array]  # b(C)
     # g(h) is the integral across a leg of its hazard, cut off at h, over its sweep width.
     cap: Callable[[Law, Array], Array]
     coverage: Callable[[Law, float], float] | None = None  # C of a POD; None: by a root finder
-    # The lateral range curve as `table` returns it; each law that detects abeam has one.
+    # The lateral range curve, for `range_curve`; each law that detects abeam has one.
     lateral: Callable[[Law], tuple[Array, Array]] | None = None
     # sweep width [m] that the law implies; None: it must be given
     width: Callable[[Law], float] | None = None
-    # the most that any legs find at C, where cap says more
+    # largest POD of any legs at C, if the bound from `cap` is higher
     any_legs: Callable[[Law, Array], Array] | None = None
-    sure: bool = False  # whether some coverage detects for certain
-    ends: float = 0.0  # sweep widths by which the two ends of a path make it longer, at the most
-    written: Callable[[Law], str] = _plain  # the law as a case file has it, in TOML
+    sure: bool = False  # whether some coverage has a POD of 1
+    ends: float = 0.0  # sweep widths that the two ends of a path add to its length, at most
+    written: Callable[[Law], str] = _plain  # the law in TOML, as in a case file
 
 
 def formulas_of(law: Law) -> Formulas:
-    """Return the formulas of a law."""
+    """Return the formulas of a detection function."""
     return LAWS[law.kind]
 
 
 def pod(law: Law, coverage: npt.ArrayLike) -> Array:
-    """Return b(C), the probability of detection under endless parallel sweeps (random: anywhere);
-    any shape.
+    """Return b(C), the POD of endless parallel sweeps at coverages of any shape.
+
+    For random search, the legs are anywhere.
     """
     return formulas_of(law).pod(law, np.asarray(coverage, np.float64))
 
 
 def coverage_of(law: Law, chance: float) -> float:
-    """Return the coverage at which a law detects with a chance; raise ValueError where none does."""
+    """Return the coverage at which a detection function has a POD.
+
+    Raises:
+        ValueError: no coverage has this POD.
+    """
     if not 0 <= chance < 1 and not (chance == 1 and formulas_of(law).sure):
         raise ValueError(
             f"a POD of {chance:g} needs endless effort; it must be at least 0 and below 1"
@@ -86,18 +91,20 @@ def coverage_of(law: Law, chance: float) -> float:
 
 
 def range_curve(law: Law) -> tuple[Array, Array]:
-    """Return the lateral range curve of a law that detects abeam: ranges as shares of W, and the
-    chances there.
+    """Return the lateral range curve of a law that detects abeam.
 
-    The curve is straight between them and 0 beyond the last; two equal ranges are a jump. Twice its
-    integral is 1.
+    The curve is linear between its points and 0 beyond the last; two equal ranges are a jump. Twice
+    its integral is 1.
+
+    Returns:
+        Ranges as shares of W, and the POD there, both (k,).
     """
     if (lateral := formulas_of(law).lateral) is None:
         raise ValueError(f"{law.kind} has no lateral range curve of its own")
     return lateral(law)
 
 
-def swept(law: Law) -> float:
+def curve_sweep_width(law: Law) -> float:
     """Return the sweep width [m] of a lateral range curve: twice its integral."""
     ranges, chances = np.array(law.ranges), np.array(law.chances)
     return float(np.sum((chances[1:] + chances[:-1]) * np.diff(ranges)))
@@ -121,7 +128,7 @@ def _m_beta_cap(law: Law, h: Array) -> Array:
 
 def _curve(law: Law) -> tuple[Array, Array]:
     ranges, chances = np.array(law.ranges), np.array(law.chances)
-    return ranges / swept(law), chances
+    return ranges / curve_sweep_width(law), chances
 
 
 def _curve_cap(law: Law, h: Array) -> Array:
@@ -142,8 +149,9 @@ def _curve_written(law: Law) -> str:
 
 @lru_cache(maxsize=16)
 def _endless(law: Law) -> tuple[Array, Array]:
-    """Return coverages and the POD of endless parallel sweeps by a lateral range curve at spacing W
-    / C.
+    """Return coverages, and the POD of endless parallel sweeps at spacing W / C.
+
+    The sweeps have the lateral range curve of the law.
     """
     ranges, chances = range_curve(law)
     coverages = np.concatenate([np.linspace(0, 4, 161), np.linspace(4.25, MOST, 184)])
@@ -192,20 +200,19 @@ LAWS = {
         pod=lambda law, c: np.interp(c, *_endless(law)),
         cap=_curve_cap,
         lateral=_curve,
-        width=swept,
+        width=curve_sweep_width,
         written=_curve_written,
     ),
 }
 
 
 def factors(shape: float, count: int = NODES) -> tuple[Array, Array]:
-    """Return nodes and weights of the unknown factor of a sweep width; one node where the width is
-    known.
+    """Return nodes and weights of the unknown factor of a sweep width, both (count,).
 
-    The factor has a gamma distribution of this shape and of mean 1. Gauss-Laguerre by the
-    eigenvalues of its Jacobi matrix (Golub and Welsch 1969, doi:10.1090/S0025-5718-69-99647-1);
-    SciPy's roots_genlaguerre gives weights that are not numbers for shapes above 171, a sweep width
-    known to 7.6 % or better.
+    The factor has a gamma distribution of this shape and of mean 1; an infinite shape is a known
+    width, with one node. Gauss-Laguerre quadrature by the eigenvalues of the Jacobi matrix (Golub
+    and Welsch 1969, doi:10.1090/S0025-5718-69-99647-1). SciPy's roots_genlaguerre gives NaN weights
+    for shapes above 171, a sweep width known to 7.6 % or better.
     """
     if math.isinf(shape):
         return np.ones(1), np.ones(1)

@@ -1,8 +1,7 @@
-"""A sensor of the case that watches for a time and tells of nothing: what that makes of the
-weights.
+"""A watch by a sensor of the case without a detection, and its effect on weights.
 
-It is a passive sonar, or a table of POD. It has the manners of drift.evidence.filter.exposure,
-whose place it takes for sorties with such a sensor.
+The sensor is a passive sonar or a table of POD. `Listening` has the interface of
+drift.evidence.filter.exposure.SortieExposure, and replaces it for sorties with such a sensor.
 """
 
 import math
@@ -21,7 +20,7 @@ from drift.evidence.filter.detection import sensor_path
 from drift.evidence.filter.markers import Marker
 from drift.evidence.filter.records import Sortie
 from drift.evidence.sensors import grid_pod, unknown
-from drift.evidence.sensors.hearing import Ear
+from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import PodGrid, Sonar
 from geo import notation, sphere
 from geo.array import Array
@@ -33,16 +32,17 @@ from kernels.step.advance import Step
 
 Device = Any
 
-HARDLY = 0.25  # [dB] by which the noise may change within a part of a stretch
+HARDLY = 0.25  # [dB] largest change of the noise within a part of a stretch
 MOST_PARTS = 64
-# chance of having been heard from which on a particle counts as one that was listened for
+# probability of detection above which a particle counts as searched
 HEARD = 0.01
 
 
 @dataclass(frozen=True)
 class Silent:
-    """What a sensor keeps of each particle, on the device: see kernels.evidence.listen; of a table
-    of POD only the misses.
+    """State of each particle for a watch, on the device: see kernels.evidence.listen.
+
+    A table of POD only needs the misses.
     """
 
     log_missed: Device  # (factors * n,)
@@ -51,11 +51,11 @@ class Silent:
 
     @property
     def columns(self) -> dict[str, Device]:
-        """Its columns by name."""
+        """Its columns by name, without those that are None."""
         return {name: column for name, column in vars(self).items() if column is not None}
 
     def copy(self) -> "Silent":
-        """Return a copy."""
+        """Return a copy with new device buffers."""
         return Silent(**{name: runtime.copy(column) for name, column in self.columns.items()})
 
 
@@ -63,7 +63,7 @@ class Listening:
     """One watch of a sensor in one run; times are seconds after the run's start."""
 
     def __init__(self, sortie: Sortie, start: int) -> None:
-        """Make ready; start: of the run [s since 1970]."""
+        """Set up a watch; start: of the run [s since 1970]."""
         assert sortie.sensor is not None
         assert sortie.legs is not None
         self.sortie, self._start = sortie, start
@@ -72,32 +72,32 @@ class Listening:
             notation.epoch(sortie.end) - start,
         )
         sees = sortie.sensor.sees
-        self._sees = Ear(sees, sortie.beams) if isinstance(sees, Sonar) else sees
+        self._sees = Receiver(sees, sortie.beams) if isinstance(sees, Sonar) else sees
         self.factors, self.chances = unknown.values(sortie.sensor)
         self._path = sensor_path.of_legs(sortie.legs, start)
-        self._seen = self.begin  # the time [s] up to which its columns count
-        self.exposed: Silent | None = None  # what it has done to each particle; None: nothing yet
+        self._exposed_until = self.begin  # the time [s] to which its columns are complete
+        self.exposed: Silent | None = None  # state so far; None: not started
 
     @property
     def key(self) -> tuple[str, float]:
-        """What watches and looks have in common that share an unknown."""
+        """The key that watches and looks with the same unknown share."""
         assert self.sortie.sensor is not None
         return unknown.key(self.sortie.sensor)
 
     @property
     def markers(self) -> list[Marker]:
-        """It drifts with none."""
+        """Its markers: none, since it does not drift."""
         return []
 
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
-        """Do nothing: it is over the ground."""
+        """Do nothing: its track is over the ground."""
 
     def as_flown(self, scenario: int, start: int) -> Sortie:
-        """Return the sortie."""
+        """Return the sortie, the same in every scenario."""
         return self.sortie
 
     def ready(self, ensemble: Ensemble, steers: bool) -> Silent:
-        """Return what it has done to particles, nothing as yet."""
+        """Return its state of the particles; create empty columns on the first call."""
         if self.exposed is None:
             columns = listen.columns(ensemble.n, len(self.factors))
             if isinstance(self._sees, PodGrid):
@@ -116,17 +116,22 @@ class Listening:
         until: int,
         keep: bool = True,
     ) -> Silent:
-        """Return what it has done to each particle until a time within the step that was just made.
+        """Return its state of each particle until a time within the step just made.
 
-        begin: where particles began the step; helm: what steers them. keep: whether its own columns
-        change.
+        Args:
+            ensemble: the particles.
+            begin: where they began the step.
+            helm: what steers them, if anything.
+            step: the step.
+            until: end of the exposure [s after the run's start].
+            keep: whether to update its own columns.
         """
         exposed = self.ready(ensemble, helm is not None)
-        first, last = max(self._seen, step.elapsed, self.begin), min(until, self.end)
+        first, last = max(self._exposed_until, step.elapsed, self.begin), min(until, self.end)
         if first >= last:
             return exposed
         if keep:
-            self._seen = last
+            self._exposed_until = last
         else:
             exposed = exposed.copy()
         kept = tuple(exposed.columns.values())
@@ -143,8 +148,9 @@ class Listening:
     def _stretches(
         self, first: float, last: float, elapsed: int
     ) -> Iterator[tuple[Pods | None, Laid | None, Stretch]]:
-        """Yield the stretches of its way between two times, each with its table of POD or its
-        sonar; times from `elapsed`.
+        """Yield the stretches of its track between two times, with their POD table or sonar.
+
+        Times are seconds from `elapsed`.
         """
         track = self._path.between(first, last, elapsed, None, (0.0, 0.0))
         if track is None:
@@ -154,7 +160,7 @@ class Listening:
             if isinstance(self._sees, PodGrid):
                 if seeks:
                     yield (
-                        grid_pod.tables(self._sees, self._middle(whole, elapsed), self._lasting),
+                        grid_pod.tables(self._sees, self._middle(whole, elapsed), self._duration),
                         None,
                         whole,
                     )
@@ -167,9 +173,12 @@ class Listening:
                     tables = tables._replace(gains=np.full(1, -math.inf, np.float32))
                 yield None, listen.laid(stretch, tables, self.factors), stretch
 
-    def _parts(self, own: Ear, whole: Stretch, elapsed: int) -> Iterator[tuple[Stretch, float]]:
-        """Give a stretch in parts in which the noise hardly changes, each with the share of the
-        whole at its middle.
+    def _parts(
+        self, own: Receiver, whole: Stretch, elapsed: int
+    ) -> Iterator[tuple[Stretch, float]]:
+        """Yield the parts of a stretch in which the noise hardly changes.
+
+        Each comes with its middle as a share of the stretch.
         """
         times = [
             np.datetime64(self._start + elapsed + round(t), "s") for t in (whole.begin, whole.end)
@@ -186,23 +195,22 @@ class Listening:
             yield Stretch(seconds[k], seconds[k + 1], (x, y), (to_x, to_y)), (k + 0.5) / many
 
     @property
-    def _lasting(self) -> float:
-        """How long it watches [s]."""
+    def _duration(self) -> float:
+        """The duration of the watch [s]."""
         return float(self.end - self.begin)
 
     def _middle(self, stretch: Stretch, elapsed: int) -> np.datetime64:
-        """Return when it is in the middle of a stretch of its way, in a step that begins at
-        `elapsed` [s].
-        """
+        """Return the time of the middle of a stretch, in a step that begins at `elapsed` [s]."""
         return np.datetime64(
             self._start + elapsed + round(0.5 * (stretch.begin + stretch.end)), "s"
         )
 
     def _tables(
-        self, own: Ear, stretch: Stretch, elapsed: int, course: Array, share: float
+        self, own: Receiver, stretch: Stretch, elapsed: int, course: Array, share: float
     ) -> listen.Tables:
-        """Return the tables of a sonar in the middle of a stretch of its way; share: of what it has
-        the course of.
+        """Return the tables of a sonar in the middle of a stretch.
+
+        share: position of the middle between the two ends of `course`.
         """
         sensor = self.sortie.sensor
         assert sensor is not None
@@ -214,10 +222,14 @@ class Listening:
         return own.tables(float(lon), float(lat), heading, self._middle(stretch, elapsed))
 
     def fail(self, ensemble: Ensemble, exposed: Silent, shared: Device, log_weight: Device) -> None:
-        """Multiply weights by the chance that it has heard nothing of each particle, in place.
+        """Multiply weights by the probability that it has missed each particle, in place.
 
-        shared: logs of these by value of the unknown, of all watches and looks so far that share
-        it.
+        Args:
+            ensemble: the particles.
+            exposed: their state.
+            shared: log misses by value of the unknown, of all watches and looks so far that share
+                it.
+            log_weight: of the particles, changed in place.
         """
         ones = np.ones((len(ensemble.scenarios), len(self.factors)))
         sweep.fail(
@@ -231,8 +243,9 @@ class Listening:
         )
 
     def searched(self) -> Array:
-        """Return which particles it listened for, 1 or 0, float64 (n,): those that it would have
-        heard once in 100.
+        """Return which particles it searched, 1 or 0, float64 (n,).
+
+        A particle was searched if its probability of detection is above HEARD.
         """
         assert self.exposed is not None
         chances = np.log(self.chances)[:, None] + self.exposed.log_missed.to_numpy().reshape(
@@ -242,7 +255,7 @@ class Listening:
 
 
 def _places(place: Array, k: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return where piece k of a track begins and ends [binary angle]."""
+    """Return the positions where piece k of a track begins and ends [binary angle]."""
     at = place[2 * k : 2 * k + 4].tolist()
     return (at[0], at[1]), (at[2], at[3])
 

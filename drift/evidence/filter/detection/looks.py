@@ -1,4 +1,4 @@
-"""How likely a look sees what lies at each place, and so how well what it said fits each place.
+"""Probability of detection of a look by position, and the likelihood of its result.
 
 Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, eqs. 13 to 15: distances are in
 units of the field's half size, max(2 |x| / W, 2 |y| / H) in a box and r / R in a circle.
@@ -15,23 +15,34 @@ from geo.array import Array
 
 
 def log_likelihood(look: Look, lon: Array, lat: Array, there: Array) -> Array:
-    """Return the log probability of what a look said, given where the object was, float64 (n,);
-    -inf: impossible.
+    """Return the log probability of a look's result, given each position; -inf: impossible.
 
-    lon, lat: binary angles; there: whether the object was there to be seen, bool (n,).
+    Args:
+        look: at a field.
+        lon: binary angles, shape (n,).
+        lat: binary angles, shape (n,).
+        there: whether the object was detectable, bool (n,).
+
+    Returns:
+        Log probabilities, float64 (n,).
     """
     assert look.field is not None
     chance = np.where(
         there, SIGHTS[look.sight.kind](look.sight, distance(look.field, lon, lat)), 0.0
     )
-    return said(chance, look.positive, 1.0, look.false_alarms)
+    return log_report_probability(chance, look.positive, 1.0, look.false_alarms)
 
 
-def said(chance: Array, positive: bool, detection: float, false_alarms: float) -> Array:
-    """Return the log probability that a sensor says something, or that it says nothing.
+def log_report_probability(
+    chance: Array, positive: bool, detection: float, false_alarms: float
+) -> Array:
+    """Return the log probability of a sensor's report, float64 (n,).
 
-    chance: that what it tells of was so, (n,); detection: that it then says so; false_alarms: that
-    it says so all the same.
+    Args:
+        chance: probability of the event that the sensor detects, shape (n,).
+        positive: whether it reported the event.
+        detection: probability of a report if the event happens.
+        false_alarms: probability of a report otherwise.
     """
     seen = false_alarms + (1 - false_alarms) * detection * chance
     with np.errstate(divide="ignore"):
@@ -39,7 +50,7 @@ def said(chance: Array, positive: bool, detection: float, false_alarms: float) -
 
 
 def distance(field: Field, lon: Array, lat: Array) -> Array:
-    """Return how far from the middle of a field binary angles lie, in units of its half size, (n,)."""
+    """Return the distance of binary angles from the middle of a field, in half sizes, (n,)."""
     at_lon, at_lat = math.radians(field.lon), math.radians(field.lat)
     east, north = sphere.offset(at_lon, at_lat, lon * sphere.UNIT, lat * sphere.UNIT)
     if field.radius > 0:

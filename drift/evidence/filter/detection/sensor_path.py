@@ -1,8 +1,7 @@
-"""Where a sensor is, at any time: the legs of a sortie.
+"""The path of a sensor over time: the legs of a sortie, cut into pieces.
 
-They are cut where a great circle is no longer straight enough.
-
-What a kernel needs of them for one stretch of a step is a `kernels.evidence.sweep.Track`.
+A piece is short enough for its great circle to be straight. For part of a step, the kernels take a
+`kernels.evidence.sweep.Track`.
 """
 
 import math
@@ -16,17 +15,16 @@ from geo.array import Array
 from geo.polyline import Area, Legs
 from kernels.evidence.sweep import Track
 
-# From times [s after the run's start] to where a marker is then, lon and lat [rad].
+# Returns the positions of a marker, lon and lat [rad], at times [s after the run's start].
 Moved = Callable[[Array], tuple[Array, Array]]
 
 # [m], longest piece of a leg up to 62 degrees N; beyond, pieces are shorter as the tangent of the
-# latitude grows. Past a particle within half a piece its great circle is straight to 0.3 m; while
-# the particle drifts by 1 km, to 2 m.
+# latitude grows. For a particle within half a piece, the great circle is straight to 0.3 m; if the
+# particle drifts by 1 km, to 2 m.
 PIECE = 50_000.0
-# beyond this latitude a plane chart takes great circles instead of their second order
+# beyond this latitude a plane chart uses great circles, not their second-order approximation
 NEAR_POLE = math.radians(85.0)
-# [deg] beyond this latitude pieces need not be shorter: there kernels go along great circles
-# themselves
+# [deg] beyond this latitude pieces need not be shorter: there kernels follow great circles
 STEEP = 89.0
 # [m], longest piece of an area's edge: it bulges by less than 4 m up to 60 degrees N
 EDGE = 10_000.0
@@ -34,14 +32,14 @@ EDGE = 10_000.0
 
 @dataclass(frozen=True)
 class Path:
-    """Nodes of a sensor's way, and the pieces between them, each a leg or a part of one."""
+    """Nodes of a sensor's path, and the pieces between them, each a leg or part of one."""
 
     time: Array  # [s after the run's start], ascending, (k + 1,)
     lon: Array  # [deg] without jumps
     lat: Array
-    course: Array  # east and north of the leg's direction at begin and end of each piece, (k, 4)
+    course: Array  # leg direction (east, north) at begin and end of each piece, (k, 4)
     searching: Array  # bool (k,)
-    leg: Array  # int (k,): number of the leg of which each piece is a part, from 1
+    leg: Array  # int (k,): number of the leg that each piece is part of, from 1
 
     def between(
         self,
@@ -52,13 +50,17 @@ class Path:
         datum: tuple[float, float],
         polar: bool = False,
     ) -> Track | None:
-        """Return the way from begin to end [s after the run's start], or None if there is none.
+        """Return the track from begin to end, or None if there is none.
 
-        It lies within the step from `elapsed` on.
-
-        moved: where the marker is that takes it along. The way then lies from the marker as it was
-        laid out from the datum (lon, lat) [deg]. polar: whether courses are carried to the meridian
-        of 0, as kernels.evidence.sweep needs them where the domain holds a pole.
+        Args:
+            begin: of the track [s after the run's start].
+            end: of the track; both are within the step.
+            elapsed: begin of the step [s after the run's start].
+            moved: positions of the marker with which the path drifts. The path then has the same
+                offset from the marker as it was laid out with from the datum.
+            datum: of the drifting path (lon, lat) [deg].
+            polar: whether courses are rotated to the meridian of 0, as kernels.evidence.sweep needs
+                if the domain contains a pole.
         """
         begin, end = max(begin, float(self.time[0])), min(end, float(self.time[-1]))
         if begin >= end:
@@ -88,7 +90,7 @@ class Path:
             apart = sphere.offset(
                 np.radians(datum[0]), np.radians(datum[1]), np.radians(lon), np.radians(lat)
             )
-            if polar:  # it keeps its directions in the plane of the pole
+            if polar:  # directions stay constant in the plane of the pole
                 at_datum = np.full(lon.shape, np.radians(datum[0])), np.full(lon.shape, datum[1])
                 apart = sphere.from_pole(x, y, *sphere.to_pole(*at_datum, *apart))
             lon, lat = (np.degrees(angle) for angle in sphere.destination(x, y, *apart))
@@ -105,7 +107,10 @@ class Path:
         )
 
     def _at(self, time: Array) -> tuple[Array, Array]:
-        """Return where it is [deg]. The same time gives the same bits, so that stretches join."""
+        """Return positions [deg] at times.
+
+        The same time gives the same bits, so that tracks join.
+        """
         node = np.clip(
             np.searchsorted(self.time, time, side="right") - 1, 0, len(self.searching) - 1
         )
@@ -122,7 +127,12 @@ class Path:
 
 
 def of_legs(legs: Legs, start: int) -> Path:
-    """Return the path of legs; start: of the run [s since 1970]."""
+    """Return the path of legs.
+
+    Args:
+        legs: of a sortie.
+        start: of the run [s since 1970].
+    """
     time, lon, lat, course, searching, leg = (
         [legs.time[0]],
         [legs.lon[0]],
@@ -161,8 +171,15 @@ def of_legs(legs: Legs, start: int) -> Path:
     )
 
 
-def standing(lon: float, lat: float, begin: float, end: float) -> Path:
-    """Return the path of what stays at a place [deg] from begin to end [s after the run's start]."""
+def path_of_fixed_sensor(lon: float, lat: float, begin: float, end: float) -> Path:
+    """Return the path of a sensor that stays at a position.
+
+    Args:
+        lon: longitude [deg].
+        lat: latitude [deg].
+        begin: of the path [s after the run's start].
+        end: of the path [s after the run's start].
+    """
     course = np.array([[0.0, 1.0, 0.0, 1.0]])
     return Path(
         np.array([begin, end]),
@@ -175,9 +192,9 @@ def standing(lon: float, lat: float, begin: float, end: float) -> Path:
 
 
 def chart(at_lon: float, at_lat: float, lon: Array, lat: Array) -> tuple[Array, Array]:
-    """Return (x, y) [m] of places [rad] on the plane about a place [rad].
+    """Return (x, y) [m] of positions [rad] on the plane about a position [rad].
 
-    In this plane `kernels.evidence.sweep` tells whether they are in a ring.
+    In this plane `kernels.evidence.sweep` tests whether positions are in a ring.
     """
     apart = lon - at_lon
     if abs(at_lat) > NEAR_POLE:
@@ -187,18 +204,16 @@ def chart(at_lon: float, at_lat: float, lon: Array, lat: Array) -> tuple[Array, 
 
 
 def ring(area: Area) -> tuple[float, float, Array]:
-    """Return a place (lon, lat) [deg] amid an area, and the area's outline about it.
+    """Return a position (lon, lat) [deg] inside the extent of an area, and its outline about that.
 
-    The outline is as `kernels.evidence.sweep.expose` takes it.
-
-    The outline, (x, y, x, y, ...) [m], runs counterclockwise; edges are great circles, cut up where
-    they bulge.
+    The outline, (x, y, x, y, ...) [m], is in the form that `kernels.evidence.sweep.expose` takes:
+    it runs counterclockwise, and edges are great circles, divided where they curve.
     """
     corners = np.radians(np.array(area.ring))
     x, y = sphere.track(corners[:, 0], corners[:, 1], EDGE)
     lon, lat = np.unwrap(x[:-1]), y[:-1]
     at_lon, at_lat = 0.5 * (lon.min() + lon.max()), 0.5 * (lat.min() + lat.max())
-    if abs(np.unwrap(x)[-1] - lon[0]) > np.pi:  # it goes round a pole
+    if abs(np.unwrap(x)[-1] - lon[0]) > np.pi:  # the outline encloses a pole
         at_lon, at_lat = 0.0, math.copysign(math.pi / 2, at_lat)
     outline = np.stack(chart(at_lon, at_lat, lon, lat), axis=1)
     after = np.roll(outline, -1, axis=0)

@@ -1,5 +1,6 @@
-"""Where a sensor that stands still sees, as the kernels take it: a field, or a line of great
-circles in its plane.
+"""The area of a fixed sensor in the form that kernels take: a field, or a line.
+
+A line consists of great circles, which are straight in its gnomonic plane.
 """
 
 import math
@@ -16,7 +17,10 @@ from kernels.evidence.observe import Shape
 
 
 def of_field(field: Field, *, stays: bool) -> Shape:
-    """Return the shape of a field, for what stays in it, or for what touches it at all."""
+    """Return the shape of a field.
+
+    stays: whether it tests for staying in the field, else for touching it.
+    """
     round_ = field.radius > 0
     half = np.array([field.radius, 0.0] if round_ else [field.width / 2, field.height / 2])
     kinds = (observe.DISC, observe.IN_DISC) if round_ else (observe.BOX, observe.IN_BOX)
@@ -26,21 +30,22 @@ def of_field(field: Field, *, stays: bool) -> Shape:
 
 
 def of_line(points: Sequence[LonLat]) -> Shape:
-    """Return the shape of a line through two or more points [deg], in the gnomonic plane of its
-    middle.
+    """Return the shape of a line through two or more points [deg].
+
+    The line lies in the gnomonic plane of its middle.
     """
-    line = gnomonic.line(points)
+    line = gnomonic.build_plane_line(points)
     return _shape(observe.LINE, line.lon, line.lat, 0.0, np.ones(2), line.corners, line.reach)
 
 
 def _shape(
     kind: int, lon: float, lat: float, turned: float, half: Array, corners: Array, reach: float
 ) -> Shape:
-    """Return a shape about a place [rad] within a reach [m] of it."""
+    """Return a shape about a position [rad] that extends at most `reach` [m]."""
     x, y = (int(sphere.to_binary(math.degrees(angle))) for angle in (lon, lat))
     tall = math.ceil(1.01 * reach / (sphere.RADIUS * sphere.UNIT)) + 1
-    # A cap of radius r spans asin(sin r / cos lat) of longitude to either side of its middle, all
-    # of it round a pole.
+    # A cap of radius r spans asin(sin r / cos lat) of longitude to either side of its middle, or
+    # all longitudes if it contains a pole.
     sine = math.sin(min(1.01 * reach / sphere.RADIUS, math.pi / 2)) / max(math.cos(lat), 1e-9)
     wide = math.ceil(math.asin(sine) / sphere.UNIT) + 1 if sine < 1 else 2**31 - 1
     south = max(y - tall, -(2**30))

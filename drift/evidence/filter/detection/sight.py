@@ -1,6 +1,4 @@
-"""What a look with a sensor of the case says: whether a sonar heard, or anything detected, a target
-at one time.
-"""
+"""Likelihood of a look with a sensor of the case: whether it detected a target at one time."""
 
 import math
 from typing import Any, NamedTuple
@@ -11,7 +9,7 @@ from drift.engine.particles.status import STRANDED, on_map
 from drift.evidence.filter.detection import looks
 from drift.evidence.filter.records import Look
 from drift.evidence.sensors import grid_pod, hearing, unknown
-from drift.evidence.sensors.hearing import Ear
+from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import Sensor, Sonar
 from geo import sphere
 from geo.array import Array
@@ -25,27 +23,25 @@ class Targets(NamedTuple):
     lon: Array  # binary angle
     lat: Array
     scenario: Array
-    east: Array  # velocity over ground [m/s], where it is asked for
+    east: Array  # velocity over ground [m/s]; 0 if no likelihood needs it
     north: Array
     status: Array
 
     @property
     def speed(self) -> Array:
-        """Its speed over ground [m/s]."""
+        """Speed over ground [m/s], (n,)."""
         return np.hypot(self.east, self.north)
 
 
-def by_speed(sensor: Sensor | None) -> bool:
-    """Whether it hears what is faster better, or less well."""
+def level_depends_on_speed(sensor: Sensor | None) -> bool:
+    """Whether the source level of the targets depends on their speed."""
     return (
         sensor is not None and isinstance(sensor.sees, Sonar) and len(sensor.sees.levels.speed) > 1
     )
 
 
 def log_likelihood(look: Look, targets: Targets) -> Array:
-    """Return the log probability of what a look said, by value of the unknown, float64 (factors,
-    n).
-    """
+    """Return the log probability of a look's result by value of the unknown, (factors, n)."""
     assert look.sensor is not None
     assert look.place is not None
     at = math.radians(look.place[0]), math.radians(look.place[1])
@@ -54,33 +50,49 @@ def log_likelihood(look: Look, targets: Targets) -> Array:
     sees = look.sensor.sees
     if not isinstance(sees, Sonar):
         chance = grid_pod.chance(sees, at, look.time, lon, lat)
-        return looks.said(np.where(there, chance, 0.0), look.positive, 1.0, look.false_alarms)[None]
+        return looks.log_report_probability(
+            np.where(there, chance, 0.0), look.positive, 1.0, look.false_alarms
+        )[None]
     there &= ~np.isin(targets.status, STRANDED)
     source = hearing.level(sees, targets.scenario, targets.speed)
-    over = hearing.over(Ear(sees, look.beams), at, look.heading, look.time, lon, lat, source)
+    over = hearing.signal_excess_of_sources(
+        Receiver(sees, look.beams), at, look.heading, look.time, lon, lat, source
+    )
     every = [
-        np.where(there, hearing.chance(sees, over + offset), 0.0)
+        np.where(there, hearing.instantaneous_pod(sees, over + offset), 0.0)
         for offset in unknown.values(look.sensor)[0]
     ]
-    return np.stack([looks.said(chance, look.positive, 1.0, look.false_alarms) for chance in every])
+    return np.stack(
+        [
+            looks.log_report_probability(chance, look.positive, 1.0, look.false_alarms)
+            for chance in every
+        ]
+    )
 
 
-def together(said: Array, shared: Device, weights: Array) -> Array:
-    """Return the log likelihood (n,) of what was said, given all that the group has said before;
-    write it down.
+def add_shared_report(said: Array, shared: Device, weights: Array) -> Array:
+    """Return the log likelihood (n,) of a report, given all earlier reports of the group.
 
-    said: logs by value of the unknown (factors, n); shared: logs of all that was said so far,
-    device (factors * n,); weights: of the values. It is the ratio of two means over the unknown, of
-    the product of all after and before.
+    The likelihood is the ratio of two means over the unknown: of the product of all reports with
+    this one and without it. The report is added to `shared`.
+
+    Args:
+        said: logs by value of the unknown, shape (factors, n).
+        shared: logs of all earlier reports, on the device, shape (factors * n,).
+        weights: of the values, shape (factors,).
     """
     before = shared.to_numpy().reshape(said.shape).astype(np.float64)
     shared.from_numpy((before + said).astype(np.float32).reshape(-1))
-    return averaged(said, before, weights)
+    return average_over_unknown(said, before, weights)
 
 
-def averaged(said: Array, before: Array, weights: Array) -> Array:
-    """Return the log likelihood (n,) of what was said, given all that was said before; both
-    (factors, n).
+def average_over_unknown(said: Array, before: Array, weights: Array) -> Array:
+    """Return the log likelihood (n,) of a report, averaged over the unknown.
+
+    Args:
+        said: logs by value of the unknown, shape (factors, n).
+        before: logs of all earlier reports, shape (factors, n).
+        weights: of the values, shape (factors,).
     """
     after = before + said
     with np.errstate(divide="ignore", invalid="ignore"):

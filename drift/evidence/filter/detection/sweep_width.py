@@ -1,17 +1,16 @@
 """Visual sweep widths from the published tables, with their corrections.
 
-They go by unit, height, visibility and object.
+They depend on unit, height, visibility and object. The tables are the project's own copies,
+data/sweep_width.csv and data/sweep_width_corrections.csv. All arguments and results are SI. Rules
+where the tables leave a choice:
 
-Works from the project's own copies, data/sweep_width.csv and data/sweep_width_corrections.csv.
-Everything taken and returned is SI. Rules where the tables leave them open:
-
-- visibility: a row holds up to the next one; less than the tables' least (1 nmi) is refused;
+- visibility: a row holds up to the next one; below the least of the tables (1 nmi) it is rejected;
 - height: linear between the tabulated ones. Below an aircraft's lowest (300 ft) and above a boat's
   highest eye (14 ft) the value of that end holds, which is generous for small objects (the tables
-  fall from 500 to 300 ft for some); beyond the other end it is refused;
-- speed: linear between the tabulated ones, beyond them as at the nearest. A speed that is left out
-  has the value of the one before it. Boats have no correction;
-- weather: the worse of what wind and seas say; fatigue multiplies by 0.9.
+  fall from 500 to 300 ft for some); beyond the other end it is rejected;
+- speed: linear between the tabulated ones, constant beyond them. A speed that is missing has the
+  value of the one before it. Boats have no correction;
+- weather: the worse of wind and seas; fatigue multiplies by 0.9.
 """
 
 import bisect
@@ -37,7 +36,7 @@ SOURCE = (
 )
 FOOT = 0.3048  # [m]
 METRES = ("m", "metre", "metres", "meter", "meters")
-MEANT = {  # what people write in place of a kind
+MEANT = {  # everyday names of a kind of object
     "boat": "Power Boat",
     "motorboat": "Power Boat",
     "motoryacht": "Power Boat",
@@ -71,7 +70,14 @@ class Conditions:
 def lookup(name: str, kind: str, altitude: float, visibility: float) -> float:
     """Return the uncorrected sweep width [m] of an object for a kind of unit.
 
-    altitude [m]: height of the unit or its eye; visibility [m].
+    Args:
+        name: of the object, as in the tables.
+        kind: of the unit, as in the tables.
+        altitude: height of the unit or its eye [m].
+        visibility: meteorological visibility [m].
+
+    Raises:
+        UserError: an unknown name or kind, or conditions outside the tables.
     """
     rows = _table()[find(name), find_kind(kind)]
     if visibility < NMI * (1 - 1e-9):
@@ -88,7 +94,7 @@ def lookup(name: str, kind: str, altitude: float, visibility: float) -> float:
             f"{what} {altitude / FOOT:.0f} ft: the sweep width tables of {kind} are for {low / FOOT:.0f} to "
             f"{high / FOOT:.0f} ft; give the sweep width itself"
         )
-    widths = [_held(rows[height], visibility) for height in heights]
+    widths = [_width_at_visibility(rows[height], visibility) for height in heights]
     return float(np.interp(altitude, heights, widths))
 
 
@@ -105,7 +111,7 @@ def width(name: str, kind: str, seen: Conditions) -> float:
 
 
 def speed_factor(name: str, kind: str, speed: float) -> float:
-    """Return the correction for a speed [m/s]."""
+    """Return the correction factor for a speed [m/s]."""
     factors = _corrections()[find(name)].speeds.get(find_kind(kind))
     if factors is None:
         return 1.0
@@ -119,7 +125,7 @@ def speed_factor(name: str, kind: str, speed: float) -> float:
 
 
 def weather_factor(name: str, wind: float | None, seas: float | None) -> float:
-    """Return the correction for wind [m/s] and seas [m];
+    """Return the correction factor for wind [m/s] and seas [m].
 
     None where one is not known, which then has no effect.
     """
@@ -136,9 +142,10 @@ def objects() -> tuple[str, ...]:
 
 
 def find(name: str) -> str:
-    """Return an object's name as in the tables; case, spaces and signs don't matter.
+    """Return an object's name as in the tables, ignoring case, spaces and signs.
 
-    An unknown one is refused.
+    Raises:
+        UserError: the tables have no such object.
     """
     names = {_plain(key): key for key in objects()}
     if _plain(name) in names:
@@ -147,7 +154,7 @@ def find(name: str) -> str:
 
 
 def _advice(name: str) -> str:
-    """Return a suggestion for a name that is not in the tables: the nearest in size, or in meaning."""
+    """Return a suggestion for an unknown name: the object nearest in size or in meaning."""
     text = unicodedata.normalize("NFKC", name).lower()
     size = re.search(r"(\d+(?:[.,]\d+)?(?:e\d+)?)\s*-?\s*([^\W\d_]*)", text)
     letters = _letters(text.replace(size[0], "") if size else text)
@@ -183,9 +190,7 @@ def _letters(text: str) -> str:
 
 
 def _nearest(names: Sequence[str], size: float) -> list[str]:
-    """Return which of a kind's objects, ascending, a size is, or which two it lies between; beyond
-    them the last.
-    """
+    """Return the objects of a kind, ascending, that are next to a size: one or two."""
     sizes = [_size(name) for name in names]
     above = bisect.bisect_left(sizes, size)
     if above == len(names):
@@ -196,12 +201,12 @@ def _nearest(names: Sequence[str], size: float) -> list[str]:
 
 
 def _kind(name: str) -> str:
-    """Return an object without its size: Power Boat."""
+    """Return an object's name without its size, such as "Power Boat"."""
     return re.split(r"\s*[≤≥]?\s*\d", name)[0]
 
 
 def _size(name: str) -> float:
-    """Return the size in an object's name: feet, or persons."""
+    """Return the size in an object's name [feet or persons]."""
     found = re.search(r"\d+", name)
     return float(found[0]) if found else 0.0
 
@@ -213,7 +218,11 @@ def _quoted(names: Sequence[str]) -> str:
 
 
 def find_kind(kind: str) -> str:
-    """Return a kind of unit as in the tables; an unknown one is refused."""
+    """Return a kind of unit as in the tables.
+
+    Raises:
+        UserError: the tables have no such kind.
+    """
     for listed in KINDS:
         if kind.strip().lower() == listed.lower():
             return listed
@@ -223,7 +232,7 @@ def find_kind(kind: str) -> str:
 
 
 def _plain(name: str) -> str:
-    """Return a name without what people write in different ways: persons, =<, <=, spaces."""
+    """Return a name without spelling variants: persons, people, =<, <=, spaces."""
     text = (
         unicodedata.normalize("NFKC", name)
         .lower()
@@ -233,8 +242,8 @@ def _plain(name: str) -> str:
     return "".join(letter for letter in text if letter.isalnum())
 
 
-def _held(rows: list[tuple[float, float]], visibility: float) -> float:
-    """Return the sweep width of the last row not above a visibility."""
+def _width_at_visibility(rows: list[tuple[float, float]], visibility: float) -> float:
+    """Return the sweep width [m] of the last row whose visibility is not above the given one."""
     return [width for least, width in rows if least <= visibility * (1 + 1e-9)][-1]
 
 
@@ -276,7 +285,7 @@ def _corrections() -> dict[str, _Correction]:
         for kind, factors in entry.speeds.items():
             given = dict(factors)
             factor, filled = 1.0, []
-            for speed in SPEEDS[kind]:  # a speed that is left out has the factor of the one before
+            for speed in SPEEDS[kind]:  # a missing speed has the factor of the one before
                 factor = given.get(speed, factor)
                 filled.append((float(speed), factor))
             entry.speeds[kind] = filled

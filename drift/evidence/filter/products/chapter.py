@@ -1,7 +1,6 @@
-"""What a search hands out: what each sortie, contact and sensor has done, and which lines are
-crossed.
+"""Output files of a search: effects of each sortie, contact and sensor, and crossings of lines.
 
-It comes as a table, as shapes for a GIS, and in pictures.
+The files are a table, shapes for a GIS, and pictures.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,13 +15,13 @@ from drift.evidence.filter.products import tables as search_tables
 from drift.evidence.filter.records import NO_SENSORS, Contact, Sensors, Sortie
 from drift.evidence.filter.updates import Updates
 from drift.forecast.build import Forecast
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 
 
 @dataclass(frozen=True)
 class SearchOutputs:
-    """What the files and pictures are made from."""
+    """The data from which the files and pictures are made."""
 
     updates: Updates
     contacts: Sequence[Contact]
@@ -32,7 +31,7 @@ class SearchOutputs:
 
 
 def _evidence(matter: SearchOutputs, path: Path) -> None:
-    # imported here, for Matplotlib takes a second
+    # imported here, since importing Matplotlib takes a second
     from drift.evidence.filter.products import evidence_map
 
     evidence_map.plot_evidence(matter.updates, path, matter.setting)
@@ -73,7 +72,7 @@ PICTURES: dict[str, Callable[[SearchOutputs, Path], None]] = {
 MAPS: dict[str, Callable[[SearchOutputs, Path], None]] = {
     "search.png": _search,
 }
-# Of lines whose first crossing is asked for.
+# Files of lines whose first crossing is reported.
 LINE_FILES: dict[str, Callable[[SearchOutputs, Stamped], Contents]] = {
     "lines.csv": lambda matter, stamped: crossings.csv(matter.updates.crossings, stamped["run_id"]),
 }
@@ -82,29 +81,37 @@ LINE_PICTURES: dict[str, Callable[[SearchOutputs, Path], None]] = {
 }
 
 
-def chapter(matter: SearchOutputs, *, mapped: bool) -> Chapter:
-    """Return the chapter of a search; mapped: whether the forecast has outputs at the times of its
-    sorties.
+def search_bundle(matter: SearchOutputs, *, mapped: bool) -> OutputBundle:
+    """Return the outputs of a search.
+
+    Args:
+        matter: the data.
+        mapped: whether the forecast has outputs at the times of the sorties.
     """
-    told = bool(matter.updates.all or matter.updates.sorties)
-    files, pictures = (bound(FILES, matter), bound(PICTURES, matter)) if told else ({}, {})
+    has_updates = bool(matter.updates.all or matter.updates.sorties)
+    files, pictures = (
+        (bind_outputs(FILES, matter), bind_outputs(PICTURES, matter)) if has_updates else ({}, {})
+    )
     if matter.updates.crossings is not None:
-        files, pictures = files | bound(LINE_FILES, matter), pictures | bound(LINE_PICTURES, matter)
+        files, pictures = (
+            files | bind_outputs(LINE_FILES, matter),
+            pictures | bind_outputs(LINE_PICTURES, matter),
+        )
     if mapped and matter.updates.sorties:
         from drift.evidence.filter.products import map as search_map
 
         more = range(2, 1 + search_map.pages(matter.updates.sorties))
-        pictures |= bound(MAPS, matter) | {
+        pictures |= bind_outputs(MAPS, matter) | {
             f"search-{page}.png": partial(_search, matter, page=page) for page in more
         }
-    # the plan shows those
+    # planned sorties are among the outputs of the plan
     sorties = [sortie for sortie in matter.updates.sorties if not sortie.planned]
     leaves = (
         (partial(report.search_leaves, matter.updates, sorties, matter.contacts, matter.sensors),)
-        if told
+        if has_updates
         else ()
     )
-    return Chapter(
+    return OutputBundle(
         {"search": search_tables.summary_of_search(matter.updates)}, files, pictures, leaves=leaves
     )
 
@@ -112,8 +119,9 @@ def chapter(matter: SearchOutputs, *, mapped: bool) -> Chapter:
 def overlay(
     sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any, sensors: Sensors = NO_SENSORS
 ) -> Any:
-    """Return what the map of a forecast shows of a search at a time, a
-    drift.products.maps.overlay.Overlay.
+    """Return the overlay of a search on the map of a forecast at a time.
+
+    It is a drift.products.maps.overlay.Overlay.
     """
     from drift.evidence.filter.products import layers
 

@@ -1,4 +1,4 @@
-"""The picture of lines: how likely each has been crossed by any time, by scenario."""
+"""The picture of lines: the probability of having crossed each by time, by scenario."""
 
 from pathlib import Path
 
@@ -18,28 +18,26 @@ from drift.products.maps.imprint import Setting
 from drift.products.maps.sheet import Badge, Row, Sheet
 from geo import notation
 
-MOST = 6  # lines; of more the likeliest are drawn
-CURVES = 7  # scenarios with a curve of their own, the likeliest to cross
+MOST = 6  # most lines; if there are more, those likeliest to be crossed
+CURVES = 7  # most scenarios with their own curve: those likeliest to cross
 ACROSS = 3  # panels in a row
-# [in] of the page; of a panel, and what is between them
+# [in] width of the page, height of a panel, gap between panels, left margin
 WIDTH, HIGH, GAP, MARGIN = 14.0, 2.6, 0.85, 0.75
 
 
 def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
-    """Draw the probability of having crossed each line by time, with 5, 50 and 95 % of the first
-    crossings.
-    """
+    """Draw the probability of having crossed each line by time, with quantiles of the time."""
     crossings = updates.crossings
     assert crossings is not None
     few = bool(updates.all) and particles_left.lowest(updates, setting.particles).few
     every = sorted(crossings.all, key=lambda crossing: -float(crossing.probability[-1]))
-    shown, stories = every[:MOST], _stories(crossings)
+    shown, curves = every[:MOST], _scenarios_with_curves(crossings)
     rows = -(-len(shown) // ACROSS)
-    below = 0.32 * few  # [in] that a warning takes
+    below = 0.32 * few  # [in] height of a warning
     width, height = WIDTH, 1.55 + below + rows * (HIGH + 0.75)
     columns = min(len(shown), ACROSS)
     wide = (WIDTH - MARGIN - 0.3 - (columns - 1) * GAP) / columns
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             width,
             height,
@@ -53,17 +51,17 @@ def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
             footer=sheet.small(0.07 / height, 7, 210),
         )
     )
-    sheet.head(on, setting.imprint, _account(every, len(shown)))
+    sheet.write_head(on, setting.imprint, _subtitle(every, len(shown)))
     if few:
         least = particles_left.lowest(updates, setting.particles)
-        sheet.rough(on, effective.banner(least, "probabilities of crossing are rough"))
+        sheet.draw_rough_banner(on, effective.banner(least, "probabilities of crossing are rough"))
     for k, crossing in enumerate(shown):
         left = MARGIN + (k % ACROSS) * (wide + GAP)
         bottom = height - 1.35 - below - (k // ACROSS + 1) * (HIGH + 0.75) + 0.72
         ax = on.figure.add_axes((left / width, bottom / height, wide / width, HIGH / height))
-        _panel(ax, crossings, crossing, stories)
-    names = page.names([crossings.scenarios[j] for j in stories], 34)
-    symbols = [(_stroke(j), name) for j, name in zip(stories, names, strict=True)]
+        _panel(ax, crossings, crossing, curves)
+    names = page.shorten_names([crossings.scenarios[j] for j in curves], 34)
+    symbols = [(_stroke(j), name) for j, name in zip(curves, names, strict=True)]
     if len(crossings.scenarios) > 1:
         symbols.append((Line2D([], [], color="#111111", linewidth=2.4), "all together"))
         sheet.legend(
@@ -78,11 +76,11 @@ def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
             handlelength=4.0,
             columnspacing=2.0,
         )
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
-def _stories(crossings: Crossings) -> list[int]:
-    """Return the scenarios that have curves of their own; of one scenario none is needed."""
+def _scenarios_with_curves(crossings: Crossings) -> list[int]:
+    """Return the scenarios with their own curve; none if there is only one scenario."""
     if len(crossings.scenarios) < 2:
         return []
     most = np.max([crossing.probability[:-1] for crossing in crossings.all], axis=0)
@@ -94,18 +92,16 @@ def _stroke(j: int) -> Line2D:
     return Line2D([], [], color=colour, linestyle=dashes, linewidth=1.4)
 
 
-def _account(every: list[Crossing], shown: int) -> str:
-    """Return in a line what is drawn."""
-    parts = [
-        "Probability that a line has been crossed, by time, given all that was seen in the run"
-    ]
+def _subtitle(every: list[Crossing], shown: int) -> str:
+    """Return the line of text under the title: what is drawn."""
+    parts = ["Probability that a line has been crossed, by time, given all observations of the run"]
     if len(every) > shown:
         parts.append(f"the {shown} likeliest of {len(every)} lines; all are in lines.csv")
     return "   ·   ".join([*parts, "dots: 5, 50 and 95 % of the first crossings"])
 
 
-def _panel(ax: Axes, crossings: Crossings, crossing: Crossing, stories: list[int]) -> None:
-    """Draw one line's curves."""
+def _panel(ax: Axes, crossings: Crossings, crossing: Crossing, curves: list[int]) -> None:
+    """Draw the curves of one line."""
     x = notation.epochs(crossings.edges).astype(float)
     name = page.fit(crossing.line.name, 30)
     share, error = (
@@ -116,7 +112,7 @@ def _panel(ax: Axes, crossings: Crossings, crossing: Crossing, stories: list[int
     )
     ax.set_title(words, fontsize=10, color=INK, loc="left", weight="bold")
     top = 0.0
-    for j in [*stories, len(crossings.scenarios)]:
+    for j in [*curves, len(crossings.scenarios)]:
         y = np.concatenate([[0.0], np.cumsum(crossing.mass[j])])
         top = max(top, float(y[-1]))
         if j < len(crossings.scenarios):

@@ -1,8 +1,8 @@
-"""The picture of what a search has shown: each scenario's probability and POS after each update.
+"""The picture of a search's evidence: probability and POS of each scenario after each update.
 
-On the left, downward in time, stands each update with the probability of each scenario after it,
-and with the Bayes factor of the scenario that it moved most. On the right stands the cumulative POS
-by scenario, on which a decision to suspend rests.
+The left chart lists the updates, downward in time, with the probability of each scenario after each
+and the Bayes factor of the scenario that changed most. The right chart is the cumulative POS by
+scenario, the basis of a decision to suspend.
 """
 
 import math
@@ -19,7 +19,7 @@ from matplotlib.transforms import blended_transform_factory
 from drift.evidence.filter import shapes as search_shapes
 from drift.evidence.filter.products import particles_left
 from drift.evidence.filter.products import tables as search_tables
-from drift.evidence.filter.updates import Update, Updates, together
+from drift.evidence.filter.updates import Update, Updates, merge_unlikely_scenarios
 from drift.forecast import effective
 from drift.forecast.products import layers
 from drift.products.maps import labels, page, sheet
@@ -30,12 +30,12 @@ from geo import notation
 from geo.array import Array
 
 A_LINE = 4  # scenarios on a line of the legend
-HUGE = 1e6  # Bayes factor beyond which its exact value adds nothing
-MOST = 22  # rows; of more updates the last are shown
+HUGE = 1e6  # largest Bayes factor that is written exactly
+MOST = 22  # most rows; if there are more updates, the last ones
 THIN = 0.006  # share of a scenario below which its bar has no edge
 DIGIT = 0.072  # [in] width of a small digit
 OVERHANG = 0.12  # [in] how far numbers over a chart may reach beyond its right edge
-# Any two differ by hatch, or by a lightness that is seen in grey print too.
+# Any two differ by hatch, or by lightness that is visible in greyscale.
 FILLS: tuple[dict[str, Any], ...] = (
     {"facecolor": "#cfe0ee", "hatch": ""},
     {"facecolor": "#0b4f8a", "hatch": ""},
@@ -74,17 +74,17 @@ STRENGTH = (
 
 
 def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
-    """Draw the evidence of a search; of many scenarios the likeliest, and the others together."""
-    every, updates = updates, together(updates)
+    """Draw the evidence of a search; scenarios beyond the likeliest are merged into one."""
+    every, updates = updates, merge_unlikely_scenarios(updates)
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
     lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # lines of the legend
     least = particles_left.lowest(updates, setting.particles)
-    below = 0.32 * least.few  # [in] that a warning takes
+    below = 0.32 * least.few  # [in] height of a warning
     over = 1.45 + 0.24 * lines + below
     height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             14.0,
             height,
@@ -100,14 +100,14 @@ def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
     )
     figure = on.figure
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
-    (_posterior if stories else _worth)(figure, updates, shown, room)
+    (_posterior if stories else _sortie_bars)(figure, updates, shown, room)
     if _flown(updates):
         _cumulative(figure, updates, room)
-    sheet.head(on, setting.imprint, _account(every, len(steps) - len(shown)))
+    sheet.write_head(on, setting.imprint, _subtitle(every, len(steps) - len(shown)))
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:
-        sheet.rough(on, effective.banner(least, "shares, evidence and POS are rough"))
+        sheet.draw_rough_banner(on, effective.banner(least, "shares, evidence and POS are rough"))
     figure.text(
         0.02,
         0.33 / height,
@@ -117,22 +117,27 @@ def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
         linespacing=1.35,
         va="center",
     )
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _flown(updates: Updates) -> bool:
-    """Whether there is a cumulative POS: where only sensors and contacts told something, the chart
-    on the left has all the room.
+    """Whether there is a cumulative POS.
+
+    Without it, the chart on the left takes the full width.
     """
     return any(update.cumulative is not None for update in updates.all)
 
 
 def evidence_in_words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:
-    """Return in plain words what an update says about the scenarios, and its Bayes factor and
-    strength.
+    """Return the effect of an update on the scenarios in words, and its Bayes factor and strength.
 
-    It names the scenario whose odds against the others it moved most; both are empty where there is
-    but one.
+    It names the scenario whose odds against the others changed most. Both are empty if there is
+    only one scenario.
+
+    Args:
+        update: the update.
+        before: probability of each scenario before it, shape (scenarios,).
+        scenarios: their names.
     """
     factors = search_tables.bayes_factors(update, before)
     defined = [j for j in range(len(factors)) if not np.isnan(factors[j])]
@@ -140,11 +145,11 @@ def evidence_in_words(update: Update, before: Array, scenarios: tuple[str, ...])
         return "", ""
     gone = [scenarios[j] for j in defined if factors[j] == 0]
     if gone:
-        return f"rules out {_quoted(gone)}", "it could not have been seen there"
+        return f"rules out {_quoted(gone)}", "impossible in that scenario"
     most = max(defined, key=lambda j: abs(math.log(factors[j])))
     factor = float(factors[most])
     if factor == math.inf:
-        return f"leaves only {_quoted([scenarios[most]])}", "the others rule out what was seen"
+        return f"leaves only {_quoted([scenarios[most]])}", "impossible in the others"
     size = max(factor, 1 / factor)
     strength = next(word for limit, word in STRENGTH if size < limit or limit == math.inf)
     if not strength:
@@ -165,8 +170,8 @@ def _quoted(names: list[str]) -> str:
     return " and ".join(quoted) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
 
 
-def _account(updates: Updates, hidden: int) -> str:
-    """Return in a line what was done, and how the search stands."""
+def _subtitle(updates: Updates, hidden: int) -> str:
+    """Return the line of text under the title: what was done, and the status of the search."""
     sorties = [u for u in updates.all if u.kind == "sortie"]
     contacts = sum(u.kind == "contact" for u in updates.all)
     overdue = sum(u.kind == "overdue" for u in updates.all)
@@ -181,7 +186,7 @@ def _account(updates: Updates, hidden: int) -> str:
     if sensors:
         parts.append(f"{sensors} report{'s' * (sensors != 1)} of sensors")
     if overdue:
-        parts.append(f"{overdue} arrival{'s' * (overdue != 1)} that did not come")
+        parts.append(f"{overdue} overdue arrival{'s' * (overdue != 1)}")
     done = [u.cumulative[-1] for u in sorties if u.cumulative is not None]
     if done:
         parts.append(f"cumulative POS {notation.percent(done[-1])}")
@@ -197,10 +202,10 @@ def _account(updates: Updates, hidden: int) -> str:
 def _explained(updates: Updates) -> str:
     if len(updates.scenarios) == 1:
         if not _flown(updates):
-            return "Of reports in a row that were hardly to be expected, one may be false, or the scenario is."
+            return "After several unlikely reports in a row, one of them may be false, or the scenario wrong."
         return "Cumulative POS: probability that the sorties so far would have found the object."
     factor = (
-        "Bayes factor: what was seen is that many times as probable under the scenario as under the others together; "
+        "Bayes factor: the observation is that many times as probable under the scenario as under the others together; "
         "to 3 weak, to 20 positive, to 150 strong."
     )
     if not _flown(updates):
@@ -212,9 +217,9 @@ def _explained(updates: Updates) -> str:
 
 
 def _legend(figure: Figure, updates: Updates, top: float) -> None:
-    """Name the scenarios with their bar and their line, in columns, the first line first."""
+    """Draw the legend of scenarios: bar and line of each, row by row."""
     rows: list[tuple[Any, str]] = []
-    for j, name in enumerate(page.names(updates.scenarios, 34)):
+    for j, name in enumerate(page.shorten_names(updates.scenarios, 34)):
         colour, dashes, marker = STROKES[j % len(STROKES)]
         bar = Patch(edgecolor=INK, linewidth=0.6, **FILLS[j % len(FILLS)])
         line = Line2D(
@@ -244,13 +249,13 @@ def _legend(figure: Figure, updates: Updates, top: float) -> None:
     )
 
 
-# updates with their numbers, and the scenarios before each
+# numbers of the updates, each update, and the probability of the scenarios before it
 Shown = list[tuple[int, tuple[Update, Array]]]
 Said = list[tuple[str, str]]  # two lines
 
 
 def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
-    """Draw bars of the scenarios' probabilities, one a row, with what each update says right of it."""
+    """Draw the probabilities of scenarios as bars, one row an update, with its effect in words."""
     first = shown[0][1][1] if shown else np.asarray(updates.prior, float)
     rows = [first, *(np.asarray(update.posterior, float) for _, (update, _) in shown)]
     begin = (
@@ -258,15 +263,18 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
         if not shown or shown[0][0] == 1
         else f"after update {shown[0][0] - 1}"
     )
-    short = tuple(page.names(updates.scenarios, 34))
-    said = [("", ""), *(evidence_in_words(update, before, short) for _, (update, before) in shown)]
-    heads = ("Probability of each scenario [%]", "What moved it")
-    ax = _rows(figure, room, shown, begin, said, heads, wide=not _flown(updates))
+    short = tuple(page.shorten_names(updates.scenarios, 34))
+    effects = [
+        ("", ""),
+        *(evidence_in_words(update, before, short) for _, (update, before) in shown),
+    ]
+    heads = ("Probability of each scenario [%]", "Effect of the update")
+    ax = _rows(figure, room, shown, begin, effects, heads, wide=not _flown(updates))
     left, y = np.zeros(len(rows)), np.arange(len(rows))
     for j in range(len(updates.scenarios)):
         share = np.array([row[j] for row in rows])
         fill = FILLS[j % len(FILLS)]
-        # bars of many that are unlikely would be nothing but edges
+        # edges would hide the thin bars of many unlikely scenarios
         edges = np.where(share >= THIN, 0.6, 0.0)
         ax.barh(y, share, 0.62, left, edgecolor=INK, linewidth=edges.tolist(), zorder=3, **fill)
         for k in y[share >= 0.09]:
@@ -276,21 +284,22 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
         left += share
 
 
-def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
-    """Draw as bars, where there is only one scenario, POC and POS of each sortie, or how likely
-    what each sensor said was.
+def _sortie_bars(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
+    """Draw POC and POS of each sortie for a single scenario.
+
+    Without sorties, draw the probability of each sensor report.
     """
-    said = [("", "")]
+    texts = [("", "")]
     for _, (update, _) in shown:
         pod, figures = update.pod, ""
         if pod is not None and update.poc is not None and update.poc[-1] > 0:
             figures = f"POC {notation.percent(float(update.poc[-1]))} × POD {notation.percent(float(pod[-1]))}"
-        said.append((figures, f"effective particles {update.ess_after:,.0f}"))
+        texts.append((figures, f"effective particles {update.ess_after:,.0f}"))
     if flown := _flown(updates):
-        heads = ("POC (light), POS (dark) [%]", "What each was worth")
+        heads = ("POC (light), POS (dark) [%]", "Factors of the POS")
     else:
-        heads = ("How likely what it said was beforehand [%]", "What is left")
-    ax = _rows(figure, room, shown, "", said, heads, wide=not flown)
+        heads = ("Probability of the report beforehand [%]", "Particles left")
+    ax = _rows(figure, room, shown, "", texts, heads, wide=not flown)
     for k, (_, (update, _)) in enumerate(shown, 1):
         likely = (
             np.exp(update.log_evidence)
@@ -311,10 +320,10 @@ def _rows(
     heads: tuple[str, str],
     wide: bool,
 ) -> Axes:
-    """Return axes for a bar in each row, from 0 to 1.
+    """Return axes for one bar a row, from 0 to 1.
 
-    A row has its update's name on the left and two lines on the right. wide: no other chart stands
-    beside it.
+    A row has the name of its update on the left and two lines on the right. wide: no other chart
+    stands beside it.
     """
     width = 0.5 if wide else 0.21
     ax = figure.add_axes((0.185, room[0], width, room[1] - room[0]))
@@ -345,13 +354,13 @@ def _rows(
             write(
                 beside,
                 k + 0.21,
-                f"{notation.group(update.time)}, {left.words}",
+                f"{notation.format_dtg(update.time)}, {left.words}",
                 7.5,
                 layers.LAST_KNOWN,
                 ha="right",
             )
         else:
-            write(beside, k + 0.21, notation.group(update.time) + pos, 7.5, GREY, ha="right")
+            write(beside, k + 0.21, notation.format_dtg(update.time) + pos, 7.5, GREY, ha="right")
     for k, (above, below) in enumerate(said):
         write(1 + 0.0065 / width, k - 0.15, above, 9)
         write(1 + 0.0065 / width, k + 0.21, below, 7.5, GREY)
@@ -375,9 +384,7 @@ def _figure(ax: Axes, x: float, y: int, text: str, fill: dict[str, Any]) -> None
 
 
 def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> None:
-    """Draw the cumulative POS by scenario over time, with its last value and name at the end of
-    each line.
-    """
+    """Draw the cumulative POS by scenario over time, with value and name at each line's end."""
     ax = figure.add_axes((0.665, room[0], 0.185, room[1] - room[0]))
     high = figure.get_figheight()
     figure.text(
@@ -395,7 +402,7 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
     before = times[0] - max(0.08 * (times[-1] - times[0]), 3600)
     ax.set_xlim(before, times[-1] + 0.04 * (times[-1] - before))
     order = [*range(len(updates.scenarios)), -1] if len(updates.scenarios) > 1 else [-1]
-    texts, short = [], page.names(updates.scenarios, 24)
+    texts, short = [], page.shorten_names(updates.scenarios, 24)
     for j in order:
         colour, dashes, marker = STROKES[j % len(STROKES)] if j >= 0 else ("#111111", "-", "o")
         style: dict[str, Any] = {
@@ -424,12 +431,13 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
 
 
 def _numbers(ax: Axes, numbers: list[int], times: Array) -> None:
-    """Write the numbers of sorties over the chart at their times, as one text where they would
-    touch: 4-6, 8.
+    """Write the numbers of sorties over the chart at their times.
+
+    Numbers that would overlap become one text, such as 4-6, 8.
     """
     begin, end = ax.get_xlim()
     per = (end - begin) / (ax.get_window_extent().width / ax.get_figure(root=True).dpi)  # type: ignore[union-attr]
-    # numbers, and from when to when [s] their text reaches
+    # numbers, and begin and end [s] of their text on the time axis
     groups: list[tuple[list[int], float, float]] = []
 
     def spread(some: list[int]) -> tuple[list[int], float, float]:
@@ -457,7 +465,7 @@ def _numbers(ax: Axes, numbers: list[int], times: Array) -> None:
 
 
 def _runs(numbers: list[int]) -> str:
-    """Return ascending numbers in short: 1, 3-5."""
+    """Return ascending numbers as ranges, such as 1, 3-5."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:
@@ -468,7 +476,7 @@ def _runs(numbers: list[int]) -> str:
 
 
 def _ends(ax: Axes, texts: list[tuple[float, str, str, bool]]) -> None:
-    """Write each line's last value and name right of the chart, moved apart where they would touch."""
+    """Write the last value and name of each line right of the chart, without overlaps."""
     texts = sorted(texts)
     inches = ax.get_window_extent().height / ax.get_figure(root=True).dpi  # type: ignore[union-attr]
     least = 0.19 / inches

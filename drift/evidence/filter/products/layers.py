@@ -1,6 +1,6 @@
-"""What a chart shows of a search: areas, legs as flown, zones of a watch, and contacts.
+"""Map layers of a search: areas, legs as flown, zones of a watch, contacts and sensors.
 
-Lines are dark and have a halo, for grey print.
+Lines are dark with a light halo, for greyscale print.
 """
 
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ POINT: dict[str, Any] = {
     "markeredgewidth": 1.4,
     "markerfacecolor": "white",
 }
-LIGHT = 0.55  # width of lines, as a share of the usual, where searches are only a reminder
+LIGHT = 0.55  # relative width of lines on the map of a forecast
 Sensor = Look | Presence | Barrier | Line
 
 WORDS = f"Contact, {100 * search_shapes.NEAR_ALL:g} % of its error"
@@ -63,8 +63,9 @@ WORDS = f"Contact, {100 * search_shapes.NEAR_ALL:g} % of its error"
 def reminder(
     sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any, sensors: Sensors = NO_SENSORS
 ) -> Overlay:
-    """Return what the map of a forecast shows of a search: in thin lines, what had begun by the
-    map's time.
+    """Return the overlay of a search on the map of a forecast.
+
+    It has thin lines, and everything that had begun by the time of the map.
     """
     begun = [sortie for sortie in sorties if sortie.start <= time]
     seen = [contact for contact in contacts if contact.time <= time]
@@ -86,7 +87,7 @@ def reminder(
 def _named(
     sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sequence[Sensor]
 ) -> list[tuple[str, Array]]:
-    """Return names and one shape (n, 2) [deg] of each."""
+    """Return the names of sorties, contacts and sensors with one shape (n, 2) [deg] of each."""
     named = []
     for flown in sorties:
         ring = search_shapes.searched(flown)
@@ -104,9 +105,9 @@ def _beside(points: Array) -> tuple[float, float]:
 
 
 def sortie(ax: Axes, frame: Frame, flown: Sortie, time: Any, *, light: bool = False) -> None:
-    """Draw a sortie at a time: its area, and its legs so far; after its end, the whole of it.
+    """Draw the area of a sortie at a time, and its legs until then.
 
-    light: thin, as a reminder on a map of something else.
+    light: whether to draw thin lines, for the map of a forecast.
     """
     over = time >= flown.end
     scale = LIGHT if light else 1.0
@@ -120,7 +121,7 @@ def sortie(ax: Axes, frame: Frame, flown: Sortie, time: Any, *, light: bool = Fa
 
 
 def contact(ax: Axes, frame: Frame, seen: Contact, scale: float = 1.0) -> None:
-    """Draw where something seen may have been, and the sensor or the fix as a diamond."""
+    """Draw the possible positions of a contact, and the sensor or the fix as a diamond."""
     for shape, points in search_shapes.contact(seen):
         if shape == "point":
             x, y = frame.project(points[:, 0], points[:, 1])
@@ -132,9 +133,7 @@ def contact(ax: Axes, frame: Frame, seen: Contact, scale: float = 1.0) -> None:
 
 
 def begun_sensors(sensors: Sensors, time: Any) -> list[Sensor]:
-    """Return the looks that were made by a time, the presences and barriers that had begun, and all
-    lines.
-    """
+    """Return the looks made and the presences and barriers begun by a time, and all lines."""
     looks = [look for look in sensors.looks if look.time <= time]
     lasting: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
     return [*looks, *(what for what in lasting if what.start <= time), *sensors.lines]
@@ -142,11 +141,11 @@ def begun_sensors(sensors: Sensors, time: Any) -> list[Sensor]:
 
 def sensor(ax: Axes, frame: Frame, what: Sensor, scale: float = 1.0) -> None:
     """Draw the field of a look or a presence, a barrier, or a line."""
-    _line(ax, frame, search_shapes.sensor(what), SENSORS[_sort(what)], scale, zorder=6)
+    _line(ax, frame, search_shapes.sensor(what), SENSORS[_style_of(what)], scale, zorder=6)
 
 
-def _sort(what: Sensor) -> str:
-    """Return as what a sensor is drawn."""
+def _style_of(what: Sensor) -> str:
+    """Return the entry of SENSORS with which a sensor is drawn."""
     if isinstance(what, Line):
         return "Line asked about"
     if isinstance(what, Barrier):
@@ -156,17 +155,20 @@ def _sort(what: Sensor) -> str:
 
 
 def sensor_places(sensors: Sequence[Sensor]) -> dict[str, list[Array]]:
-    """Return the shapes of sensors by name, for beyond.left_out; lines may lie anywhere."""
-    told = [what for what in sensors if not isinstance(what, Line)]
+    """Return the shapes of sensors by name, for beyond.left_out.
+
+    Lines are left out, since they may lie anywhere.
+    """
+    shown = [what for what in sensors if not isinstance(what, Line)]
     return {
         f'{type(what).__name__.lower()} "{what.name}"': [search_shapes.sensor(what)]
-        for what in told
+        for what in shown
     }
 
 
 def sensor_key(sensors: Sequence[Sensor], scale: float = 1.0) -> list[tuple[Any, str]]:
-    """Return symbols and texts of a legend for what is drawn of sensors."""
-    sorts = {_sort(what) for what in sensors}
+    """Return the symbols and texts of sensors for the legend."""
+    sorts = {_style_of(what) for what in sensors}
     styles = {
         words: {**style, "linewidth": scale * style["linewidth"]}
         for words, style in SENSORS.items()
@@ -194,9 +196,7 @@ def _line(
 
 
 def extent(sorties: Sequence[Sortie]) -> list[marks.Line]:
-    """Return what a chart must show of sorties: areas and searching legs, but no transits and no
-    zones.
-    """
+    """Return the shapes of sorties that a map must include: areas and searching legs."""
     lines = []
     for sortie in sorties:
         shapes = [
@@ -216,8 +216,8 @@ def extent(sorties: Sequence[Sortie]) -> list[marks.Line]:
     return lines
 
 
-def _stands(sortie: Sortie) -> bool:
-    """Whether a sortie is a watch at one place: its legs go nowhere."""
+def _is_stationary(sortie: Sortie) -> bool:
+    """Whether a sortie is a watch at one position."""
     return (
         sortie.watches
         and sortie.legs is not None
@@ -229,7 +229,7 @@ def places(contacts: Sequence[Contact], sorties: Sequence[Sortie] = ()) -> dict[
     """Return the shapes of contacts and sorties by name, for beyond.left_out."""
     shapes_of: dict[str, list[Array]] = {}
     for seen in contacts:
-        if len(seen.fixes) > 1:  # positions A and B of a beacon are places of their own
+        if len(seen.fixes) > 1:  # list the positions A and B of a beacon separately
             for k, fix in enumerate(seen.fixes, 1):
                 alone = replace(seen, fixes=(fix,))
                 shapes_of[f'contact "{seen.name}", position {k}'] = [
@@ -251,7 +251,7 @@ def places(contacts: Sequence[Contact], sorties: Sequence[Sortie] = ()) -> dict[
 def key(
     sorties: Sequence[Sortie], contacts: Sequence[Contact], scale: float = 1.0
 ) -> list[tuple[Any, str]]:
-    """Return symbols and texts of a legend for what is drawn of these."""
+    """Return the symbols and texts of sorties and contacts for the legend."""
 
     def symbol(style: dict[str, Any]) -> Line2D:
         return Line2D([], [], **{**style, "linewidth": scale * style["linewidth"]})
@@ -260,7 +260,7 @@ def key(
     if any(sortie.area is not None for sortie in sorties):
         rows.append((symbol(AREA), "Searched area"))
     if any(
-        sortie.legs is not None and any(sortie.legs.searching) and not _stands(sortie)
+        sortie.legs is not None and any(sortie.legs.searching) and not _is_stationary(sortie)
         for sortie in sorties
     ):
         rows.append(

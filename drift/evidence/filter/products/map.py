@@ -1,8 +1,7 @@
-"""The picture of a search: for each sortie the map before it, in the middle of it and after it has
-failed.
+"""The picture of a search: for each sortie the map before it, in the middle of it and after it.
 
-All maps of a page have one extent and one colour scale, so that a hole that a sortie has made can
-be told from drift.
+All maps of a page have one extent and one colour scale, so that the effect of a sortie can be
+distinguished from drift.
 """
 
 from collections.abc import Sequence
@@ -35,9 +34,9 @@ A_PAGE = 4  # sorties
 WIDE, HIGH = 3.35, 2.85  # [in] of a map
 GAP, OVER, HEAD, FOOT, LEFT, RIGHT = 0.14, 0.66, 0.85, 1.0, 0.42, 1.15  # [in]
 STAGES = ("before", "mid-search", "after")
-RECENT = np.timedelta64(6, "h")  # contacts are drawn with a sortie from so long before it
-ONE_ROW = 7  # symbols of a legend that stand side by side; of more there are two rows
-# most of the scale's top over the median map's: a contact must not make the others pale
+RECENT = np.timedelta64(6, "h")  # longest time before a sortie at which contacts are drawn with it
+ONE_ROW = 7  # most symbols in one row of the legend; more take two rows
+# limit of the scale's top over the median map's, so that a contact does not make the others pale
 RANGE = 3.0
 
 
@@ -57,10 +56,18 @@ def plot_searches(
     page: int,
     sensors: Sensors = NO_SENSORS,
 ) -> None:
-    """Draw one page (from 1) of a search's maps.
+    """Draw one page of a search's maps.
 
-    forecast: with outputs at start, middle and end of each sortie, each given all that was seen up
-    to it.
+    Args:
+        forecast: with outputs at start, middle and end of each sortie, each given all evidence up
+            to it.
+        sorties: all sorties of the search.
+        contacts: of the case.
+        updates: of the run.
+        path: of the picture.
+        setting: title, coast and marks of the map.
+        page: number of the page, from 1.
+        sensors: of the case.
     """
     on_page = sorties[(page - 1) * A_PAGE : page * A_PAGE]
     outputs = [[_index(forecast, time) for time in _moments(sortie)] for sortie in on_page]
@@ -70,7 +77,7 @@ def plot_searches(
         [c for c in contacts if sortie.start - RECENT <= c.time <= sortie.end] for sortie in on_page
     ]
     every_seen = list(chain(*seen))
-    heard = [_heard(sensors, sortie) for sortie in on_page]
+    heard = [_sensors_of(sensors, sortie) for sortie in on_page]
     places = search_layers.places([*dict.fromkeys(every_seen)])
     frame = layers.extent(
         part, times, setting.marks, search_layers.extent(on_page), WIDE / HIGH, places.values()
@@ -89,8 +96,8 @@ def plot_searches(
     out = beyond.named(frame, places)
     head = HEAD + 0.3 * (least.few + bool(out))
     size = (LEFT + 3 * WIDE + 2 * GAP + RIGHT, head + len(on_page) * (HIGH + OVER) + FOOT)
-    on = sheet.begin(_sheet(*size))
-    corner = chart.free_corner(frame, *_busy(frame, part, on_page, times))
+    on = sheet.begin_page(_sheet(*size))
+    corner = chart.free_corner(frame, *_points_to_keep_clear(frame, part, on_page, times))
     for row, sortie in enumerate(on_page):
         bottom = size[1] - head - (row + 1) * (HIGH + OVER)
         number, update = numbered.get(sortie.name, (0, None))
@@ -119,12 +126,14 @@ def plot_searches(
     contents = _contents(
         sorties, page, any(s.name in numbered for s in on_page), bool(every_seen), setting.particles
     )
-    sheet.head(on, setting.imprint, contents)
+    sheet.write_head(on, setting.imprint, contents)
     if least.few:
-        when = notation.group(forecast.data["time"].values[least_at])
-        sheet.rough(on, effective.banner(least, "areas and shares are rough", when))
+        when = notation.format_dtg(forecast.data["time"].values[least_at])
+        sheet.draw_rough_banner(on, effective.banner(least, "areas and shares are rough", when))
     if out:
-        sheet.say(on, sheet.warning(1 - (0.93 + 0.3 * least.few) / size[1], 9, size[0] * 12), out)
+        sheet.write_line(
+            on, sheet.warning(1 - (0.93 + 0.3 * least.few) / size[1], 9, size[0] * 12), out
+        )
     _key(
         on.figure,
         size,
@@ -136,13 +145,11 @@ def plot_searches(
         bool(setting.marks),
     )
     _bar(on.figure, size, mesh)
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
-def _heard(sensors: Sensors, sortie: Sortie) -> list[search_layers.Sensor]:
-    """Return the sensors that are drawn with a sortie: those that told something about its time,
-    and all lines.
-    """
+def _sensors_of(sensors: Sensors, sortie: Sortie) -> list[search_layers.Sensor]:
+    """Return the sensors drawn with a sortie: those active about its time, and all lines."""
     told: list[search_layers.Sensor] = list(sensors.lines)
     for what in sensors.telling:
         begin, end = (what.time, what.time) if isinstance(what, Look) else (what.start, what.end)
@@ -169,7 +176,7 @@ def _sheet(width: float, height: float) -> Sheet:
 def _contents(
     sorties: Sequence[Sortie], page: int, numbered: bool, contacts: bool, particles: int | None
 ) -> str:
-    """Return in a line what a page shows."""
+    """Return the line of text under the title: what a page shows."""
     many = len(sorties)
     if all(sortie.planned and sortie.sensor is not None for sortie in sorties):
         parts = [f"{many} towed arrays as planned, and what is left if they hear nothing"]
@@ -200,16 +207,19 @@ def _moments(sortie: Sortie) -> tuple[Any, Any, Any]:
 
 
 def _index(forecast: Forecast, time: Any) -> int:
-    """Return the output nearest to a time; of two as near, the last, which has seen more."""
+    """Return the output nearest to a time; of two at the same time, the last.
+
+    The last one includes the updates of that time.
+    """
     apart = np.abs(forecast.data["time"].values - time)
     return int(np.flatnonzero(apart == apart.min())[-1])
 
 
-def _busy(
+def _points_to_keep_clear(
     frame: Frame, part: Forecast, some: Sequence[Sortie], times: Sequence[Any]
 ) -> tuple[Any, Any]:
-    """Return points [m] that the scale bar should not cover."""
-    x, y = layers.occupied(frame, part, times)
+    """Return the points [m] that the scale bar should not cover."""
+    x, y = layers.label_obstacles(frame, part, times)
     for line in search_layers.extent(some):
         px, py = frame.project(line.lon, line.lat)
         x, y = np.append(x, px), np.append(y, py)
@@ -225,7 +235,7 @@ def _map(
     land: Outline | None,
     setting: Setting,
 ) -> Any:
-    """Draw the probability at an output with its smallest and its largest area; return the shading."""
+    """Draw the probability and the areas of an output; return the shading."""
     chart.prepare(ax, frame)
     at = forecast.data.isel(time=i)
     shown = np.where(at["containment"].values <= mapped.SHOWN, layers.density(forecast, i), np.nan)
@@ -249,15 +259,15 @@ def _heading(
     sortie: Sortie,
     update: Update | None,
 ) -> None:
-    """Write over a row which sortie it is, when it was and what it was worth."""
-    when = f"{notation.day_time(sortie.start)} to {notation.group(sortie.end)}"
+    """Write the heading of a row: name, time and results of the sortie."""
+    when = f"{notation.day_time(sortie.start)} to {notation.format_dtg(sortie.end)}"
     parts = [when, *([sortie.kind] if sortie.kind else [])]
     if sortie.frame == "datum" and sortie.marker is None:
         parts.append("drawn at its datum")
     if sortie.completed < 1:
         parts.append(f"{notation.hundredths(sortie.completed)} % completed")
     if update is not None and update.pos is not None:
-        parts.append(_worth(update))
+        parts.append(_pos_text(update))
     words = "   ·   ".join(parts)
     # Letters of 9 points are 0.07 in wide, bold ones of 10.5 points 0.1 in.
     room = size[0] - LEFT - RIGHT - 0.071 * len(words)  # [in]
@@ -266,8 +276,8 @@ def _heading(
     figure.text((size[0] - RIGHT) / size[0], y / size[1], words, fontsize=9, color=INK, ha="right")
 
 
-def _worth(update: Update) -> str:
-    """Return POC x POD = POS in percent; a watch has no area, and a POS alone."""
+def _pos_text(update: Update) -> str:
+    """Return POC x POD = POS in percent; POS alone without a POC."""
     assert update.pos is not None
     pos = f"POS {notation.short_percent(update.pos[-1])}"
     if update.poc is None or update.pod is None or not np.isfinite(update.poc[-1]):
@@ -278,9 +288,9 @@ def _worth(update: Update) -> str:
 
 
 def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None) -> None:
-    """Write over a map its time and what the stage says.
+    """Write the time over a map, and POC, POD or POS by stage.
 
-    If no output is at that time, say by how much the map's time is off.
+    If no output is at the wanted time, add the difference.
     """
     apart = (time - wanted) / np.timedelta64(1, "m")
     off = f" ({apart:+.0f} min)" if abs(apart) >= 1 else ""
@@ -307,9 +317,9 @@ def _key(
     rows: list[tuple[Any, str]],
     marked: bool,
 ) -> None:
-    """Write under the maps what the lines and symbols are."""
+    """Draw the legend under the maps."""
     for share in forecast.ends:
-        style = layers.line(share, forecast)
+        style = layers.outline_style(share, forecast)
         symbol = Line2D([], [], **{**style, "linewidth": 0.6 * style["linewidth"]})
         rows.append((symbol, f"{notation.hundredths(share)} % area"))
     if marked:

@@ -1,4 +1,4 @@
-"""How many particles sorties and contacts leave, and the warnings where these are few."""
+"""Number of effective particles after updates, and warnings if they are few."""
 
 import math
 from collections.abc import Sequence
@@ -11,30 +11,43 @@ from drift.forecast.effective import Count
 from geo.notation import NMI
 
 
-def of_run(
+def few_particles_warnings(
     data: Any, particles: int, updates: Updates | None, contacts: Sequence[Contact] = ()
 ) -> list[str]:
-    """Return warnings of few particles: after which update, at which outputs, and of which parts at
-    the end.
+    """Return warnings about few effective particles.
 
-    contacts: of the case, whose errors are named where they are the cause.
+    They name the first such update, the outputs, and the parts of the result at the end.
+
+    Args:
+        data: of the forecast.
+        particles: number of particles of the run.
+        updates: of the run, if it has any.
+        contacts: of the case; a warning names the error of the contact that is the cause.
     """
-    lost = [_lost(update) for update in updates.all if update.filled == "lost"] if updates else []
+    lost = (
+        [_lost_track_warning(update) for update in updates.all if update.filled == "lost"]
+        if updates
+        else []
+    )
     placed = [update for update in updates.all if update.filled == "contact"] if updates else []
-    lost += [_placed(placed[0])] if placed else []
+    lost += [_repopulated_warning(placed[0])] if placed else []
     update = first_low(updates) if updates else None
     if update is None:
-        return lost + effective.of_run(data, particles)
+        return lost + effective.effective_warnings(data, particles)
     low = Count(update.left, particles)
     resampling = "" if update.resampled else ", or [resampling] below = 0.05"
-    when = f"{after(update)} ({Count(update.ess_before).number:,.0f} before it)"
+    when = f"{after_update(update)} ({Count(update.ess_before).number:,.0f} before it)"
     words = effective.sentence(low, when, "areas and shares after it are rough")
-    warning = f"{words}. {_cause(update, contacts)}; otherwise use {enough(low):,} particles or more{resampling}"
-    return [*lost, warning, *effective.of_run(data, particles, update.time, update.left)]
+    warning = f"{words}. {_what_to_check(update, contacts)}; otherwise use {particles_needed(low):,} particles or more{resampling}"
+    return [
+        *lost,
+        warning,
+        *effective.effective_warnings(data, particles, update.time, update.left),
+    ]
 
 
-def _cause(update: Update, contacts: Sequence[Contact]) -> str:
-    """Return what to check first: of a contact, its error."""
+def _what_to_check(update: Update, contacts: Sequence[Contact]) -> str:
+    """Return what to check first; for a contact, this includes its error."""
     seen = next(
         (one for one in contacts if update.kind == "contact" and one.name == update.name), None
     )
@@ -52,27 +65,26 @@ def _cause(update: Update, contacts: Sequence[Contact]) -> str:
     return check
 
 
-def _placed(update: Update) -> str:
-    """Return a warning of the first update after which particles were placed again."""
+def _repopulated_warning(update: Update) -> str:
+    """Return a warning about the first update that repopulated particles."""
     return (
-        f"Particles were repopulated {after(update)}, as [resampling] asks: a heuristic, no posterior. Areas and shares from then on are "
+        f"Particles were repopulated {after_update(update)}, as [resampling] asks: a heuristic, no posterior. Areas and shares from then on are "
         "rough; speed and course are of the particles before"
     )
 
 
-def _lost(update: Update) -> str:
-    """Return a warning of an update that lost the track."""
+def _lost_track_warning(update: Update) -> str:
+    """Return a warning about an update after which the track is lost."""
     return (
-        f"The track is lost {after(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show what little is "
+        f"The track is lost {after_update(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show what little is "
         "left, until a contact repopulates them; search wider, or give a smaller bulk"
     )
 
 
-def enough(low: Count) -> int:
-    """Return how many particles would leave so many that count that they are not few, to two
-    digits, rounded up.
+def particles_needed(low: Count) -> int:
+    """Return the number of particles that avoids the warning, rounded up to two digits.
 
-    What a likelihood leaves of particles grows with their number.
+    The number of effective particles is proportional to the number of particles.
     """
     assert low.of is not None
     wanted = low.of * effective.FEW[low.what] / low.number
@@ -81,19 +93,18 @@ def enough(low: Count) -> int:
 
 
 def first_low(updates: Updates) -> Update | None:
-    """Return the first sortie or contact after which few particles count; all later ones depend on
-    these.
-    """
+    """Return the first update with few effective particles; all later ones depend on it."""
     return next((update for update in updates.all if Count(update.left).few), None)
 
 
 def lowest(updates: Updates, particles: int | None = None) -> Count:
-    """Return how many particles count for the evidence: the fewest after any update, for copies add
-    nothing.
+    """Return the smallest number of effective particles after any update.
+
+    Resampling adds no effective particles.
     """
     return Count(min((update.left for update in updates.all), default=0.0), particles)
 
 
-def after(update: Update) -> str:
-    """Return in words after which update."""
+def after_update(update: Update) -> str:
+    """Return the words "after" and the update."""
     return f'after {update.kind} "{update.name}"'

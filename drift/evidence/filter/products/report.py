@@ -1,11 +1,9 @@
-"""What report.html shows of a search: sorties, contacts, sensors and lines on the map, and what
-each has done.
-"""
+"""The section of report.html on a search: layers of the map, and tables of updates."""
 
 from collections.abc import Sequence
 
 from drift.evidence.filter.records import Contact, Sensors, Sortie
-from drift.evidence.filter.updates import Updates, together
+from drift.evidence.filter.updates import Updates, merge_unlikely_scenarios
 from drift.products.report import leaves
 from drift.products.report.leaves import Leaf
 from geo import notation
@@ -30,12 +28,12 @@ SEEN = [
 def search_leaves(
     updates: Updates, sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sensors
 ) -> list[Leaf]:
-    """Return the leaves of a search; sorties: those that have been flown."""
+    """Return the report items of a search; sorties: those that have been flown."""
     shown: list[Leaf] = []
     if sorties:
         of_sortie = {"kind": "sortie", "name": [sortie.name for sortie in sorties]}
         shown += [
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Sorties",
                 FILE,
                 "searched",
@@ -44,7 +42,7 @@ def search_leaves(
                 label="name",
                 told=SORTIE,
             ),
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Legs flown",
                 FILE,
                 "legs",
@@ -52,7 +50,7 @@ def search_leaves(
                 when=leaves.DURING,
                 told=SORTIE,
             ),
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Transits",
                 FILE,
                 "transit",
@@ -63,7 +61,7 @@ def search_leaves(
         ]
     if contacts:
         shown.append(
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Contacts",
                 FILE,
                 "contact",
@@ -76,10 +74,10 @@ def search_leaves(
     if sensors.telling:
         fields = {"kind": ["look", "presence"]}
         shown += [
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Looks and presences", FILE, "field", where=fields, when=leaves.DURING, told=SEEN
             ),
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Barriers",
                 FILE,
                 "barrier",
@@ -92,7 +90,7 @@ def search_leaves(
     if sensors.lines:
         told = [("probability", "Crossed, in the end", "share")]
         shown.append(
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Lines asked about", FILE, "line", where={"kind": "line"}, label="name", told=told
             )
         )
@@ -103,9 +101,7 @@ def search_leaves(
 
 
 def _found_so_far(updates: Updates) -> list[Leaf]:
-    """Return a sentence on what the searches would have found by now; none where nothing was
-    searched.
-    """
+    """Return a sentence with the cumulative POS; none without sorties."""
     done = [update.cumulative[-1] for update in updates.all if update.cumulative is not None]
     if not done:
         return []
@@ -116,7 +112,7 @@ def _found_so_far(updates: Updates) -> list[Leaf]:
 
 
 def _updates(planned: bool) -> Leaf:
-    """Return what each has done; planned: whether some sorties are still to be flown."""
+    """Return the table of updates; planned: whether some sorties are not yet flown."""
     columns = [
         ("time", "Time", "time"),
         ("name", "What", "words"),
@@ -143,8 +139,8 @@ def _updates(planned: bool) -> Leaf:
 
 
 def _scenarios(updates: Updates) -> Leaf:
-    """Return the probability of each scenario before and after each update."""
-    of_shown = together(updates)
+    """Return the table of scenarios: the probability of each before and after each update."""
+    of_shown = merge_unlikely_scenarios(updates)
     columns = [("", "Scenario", "words"), ("", "Before", "share")]
     columns += [
         ("", f"{notation.day_time(update.time)} {update.name}", "share") for update in of_shown.all

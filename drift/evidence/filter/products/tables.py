@@ -1,7 +1,4 @@
-"""What each sortie and contact did to the probability, as text.
-
-It comes as a table, as shapes in GeoJSON, and as the summary's numbers.
-"""
+"""Effects of each sortie, contact and sensor as a table, as GeoJSON and as a summary."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,7 +18,7 @@ from drift.evidence.filter.records import (
     Sensors,
     Sortie,
 )
-from drift.evidence.filter.updates import Update, Updates, together
+from drift.evidence.filter.updates import Update, Updates, merge_unlikely_scenarios
 from drift.products.files import formats, geojson
 from geo import notation
 from geo.array import Array
@@ -57,13 +54,15 @@ HEADER = [
 
 
 def csv(updates: Updates, run: str) -> str:
-    """Return a row for each update and scenario, and one for all together, as CSV.
+    """Return the CSV of updates: a row per update and scenario, and one for all together.
 
-    run: the run_id for the last column.
+    `status` of a sortie is "flown" or "planned". `prior` and `posterior` are a scenario's
+    probability before and after the update, `bayes_factor` its odds after over its odds before. A
+    contact or a sensor has no POD, POC and POS. An empty value does not apply or is unknown.
 
-    status: of a sortie, "flown" or "planned"; prior and posterior are a scenario's probability
-    before and after the update, bayes_factor its odds after over its odds before. A contact or a
-    sensor has no POD, POC and POS; empty: does not apply, or nothing known.
+    Args:
+        updates: of the run.
+        run: the run_id for the last column.
     """
     rows, status = [], _statuses(updates)
     for number, (update, before) in enumerate(steps(updates), 1):
@@ -86,7 +85,7 @@ def csv(updates: Updates, run: str) -> str:
                     update.kind,
                     status.get(update.name, "") if update.kind == "sortie" else "",
                     notation.iso(update.time),
-                    notation.group(update.time),
+                    notation.format_dtg(update.time),
                     scenario,
                     *(_text(None if values is None else values[j]) for values in columns),
                     _text(factors[j] if single else None),
@@ -105,7 +104,7 @@ def csv(updates: Updates, run: str) -> str:
 
 
 def _statuses(updates: Updates) -> dict[str, str]:
-    """Return of each sortie whether it has been flown or is planned, by its name."""
+    """Return "flown" or "planned" by the name of each sortie."""
     return {sortie.name: sortie.status for sortie in updates.sorties}
 
 
@@ -121,10 +120,8 @@ def steps(updates: Updates) -> list[tuple[Update, Array]]:
 def bayes_factors(update: Update, before: Array) -> Array:
     """Return the factors by which an update multiplied each scenario's odds, (scenarios,).
 
-    The odds are those against all others together.
-
-    It is P(seen | scenario) / P(seen | another), the others in proportion to `before`; NaN where
-    there are no others.
+    The odds are those against all other scenarios together. The factor is P(evidence | scenario) /
+    P(evidence | others), the others in proportion to `before`; NaN if there are no others.
     """
     log = np.asarray(update.log_evidence[:-1], float)
     top = log[before > 0].max(initial=-math.inf)
@@ -144,13 +141,12 @@ def bayes_factors(update: Update, before: Array) -> Array:
 
 
 def summary_of_search(updates: Updates) -> dict[str, Any]:
-    """Return the numbers of the search for the summary.
+    """Return the search for the summary: all updates, and the status after them.
 
-    They are each update, and how the search stands after all of them. Of many scenarios the figures
-    of each update are those of the likeliest, and of all others together; the table of updates
-    (`csv`) has all.
+    With many scenarios, the figures of each update are those of the likeliest, and of all others
+    together; the table of updates (`csv`) has all.
     """
-    names, shown = updates.scenarios, together(updates)
+    names, shown = updates.scenarios, merge_unlikely_scenarios(updates)
     done = [update for update in shown.all if update.cumulative is not None]
     last = updates.all[-1].posterior if updates.all else updates.prior
     return {
@@ -179,7 +175,7 @@ def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
         "name": update.name,
         "kind": update.kind,
         "time": update.time,
-        "date_time_group": notation.group(update.time),
+        "date_time_group": notation.format_dtg(update.time),
         "log_evidence": _by_scenario(names, update.log_evidence),
         "bayes_factor": dict(zip(names, bayes_factors(update, before).tolist(), strict=True)),
         "posterior": dict(zip(names, np.asarray(update.posterior, float).tolist(), strict=True)),
@@ -204,8 +200,9 @@ def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
 
 
 def _by_scenario(names: Sequence[str], values: Array | None) -> dict[str, Any] | None:
-    """Return figures under "all" and, by name, under "scenarios": a scenario may itself be called
-    "all".
+    """Return figures under "all" and, by name, under "scenarios".
+
+    Two levels are needed because a scenario may be called "all".
     """
     if values is None:
         return None
@@ -220,17 +217,15 @@ def shapes(
     attributes: Mapping[str, Any],
     sensors: Sensors = NO_SENSORS,
 ) -> dict[str, Any]:
-    """Return areas, legs as flown, contacts, fields and lines as a GeoJSON FeatureCollection (RFC
-    7946).
+    """Return areas, legs, contacts, fields and lines as a GeoJSON FeatureCollection (RFC 7946).
 
-    Shapes are cut at the antimeridian. Of many scenarios only the likeliest are told by name.
-
-    A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its
-    end), point (where what stands still stands), or of a contact point, region or line, of a look
-    or a presence field, of a barrier or a line line. What drifts with a marker is where it was over
-    the ground if the marker's track is known.
+    Shapes are cut at the antimeridian. With many scenarios, only the likeliest are named. The
+    `shape` of a feature is: for a sortie "area" (at its start), "legs", "transit", "zones" (at its
+    end) or "point" (of a fixed sensor); for a contact "point", "region" or "line"; for a look or
+    presence "field"; for a barrier or line "line". Shapes that drift with a marker are over the
+    ground if the marker's track is known.
     """
-    updates, of_case = together(updates), updates
+    updates, of_case = merge_unlikely_scenarios(updates), updates
     taken = {(update.kind, update.name): update for update in updates.all}
     features = []
     for sortie in sorties:
@@ -247,7 +242,7 @@ def shapes(
             some = [points for searching, points in parts if searching == wanted]
             if some and (geometry := search_shapes.lines(some))["coordinates"]:
                 features.append(_feature(geometry, shape, properties))
-            elif some:  # a buoy stands still
+            elif some:  # legs without length: a buoy
                 features.append(_feature(search_shapes.point(*some[0][0]), "point", properties))
         if rings := search_shapes.zones(sortie, sortie.end):
             features.append(_feature(search_shapes.lines(rings), "zones", properties))
@@ -290,9 +285,9 @@ def _sensor(what: Look | Presence | Barrier | Line, updates: Updates) -> dict[st
     if isinstance(what, Barrier):
         properties["reported"] = None if what.reported is None else notation.iso(what.reported)
     if isinstance(what, Line):
-        told = updates.crossings.all if updates.crossings else ()
+        crossed = updates.crossings.all if updates.crossings else ()
         properties["probability"] = next(
-            (float(c.probability[-1]) for c in told if c.line == what), None
+            (float(c.probability[-1]) for c in crossed if c.line == what), None
         )
     else:
         update = next((u for u in updates.all if (u.kind, u.name) == (kind, what.name)), None)
@@ -338,5 +333,5 @@ def _finite(value: Any) -> float | None:
 
 
 def _text(value: Any) -> str:
-    """Return a number for CSV; empty for what is unknown or without end."""
+    """Return a number for CSV; empty if it is unknown or infinite."""
     return "" if value is None or not np.isfinite(value) else f"{float(value):.8g}"

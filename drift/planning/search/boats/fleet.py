@@ -92,7 +92,7 @@ def shown(case: Case, where: Environment, box: Box) -> Array:
     """Return the land of a case in a box: that of the run, or read again if the box reaches beyond
     it.
     """
-    return coastline.lands(where.coast, case.coast)(box)
+    return coastline.land_reader(where.coast, case.coast)(box)
 
 
 def checked(fleet: Fleet, taskings: Sequence[Tasking]) -> tuple[tuple[Tasking, ...], Fleet]:

@@ -15,7 +15,7 @@ from drift.planning.search.products import files as plan_files
 from drift.planning.search.products import report
 from drift.planning.search.products import text as plan_text
 from drift.planning.search.records import Plan
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from geo.box import Box
 
@@ -71,12 +71,12 @@ PICTURES: dict[str, Callable[[PlanOutputs, Path], None]] = {
 }
 
 
-def chapter(matter: PlanOutputs) -> Chapter:
+def chapter(matter: PlanOutputs) -> OutputBundle:
     """Return the chapter of a plan."""
-    return Chapter(
+    return OutputBundle(
         {},
-        bound(FILES, matter),
-        bound(PICTURES, matter) | _sheets(matter),
+        bind_outputs(FILES, matter),
+        bind_outputs(PICTURES, matter) | _sheets(matter),
         leaves=(partial(report.plan_leaves, matter.plan),),
         warnings=tuple(plan_text.rough(matter.plan)),
     )

@@ -128,7 +128,7 @@ def _shapes(tasking: Tasking) -> dict[str, dict[str, Any]]:
 def _description(tasking: Tasking) -> str:
     """Return a tasking in a line."""
     return (
-        f"{tasking.unit.name}: on scene {notation.group(tasking.on_scene)}, off {notation.group(tasking.off_scene)}; "
+        f"{tasking.unit.name}: on scene {notation.format_dtg(tasking.on_scene)}, off {notation.format_dtg(tasking.off_scene)}; "
         f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi, spacing {tasking.spacing / NMI:.2f} nmi, "
         f"creep {subareas.degrees(tasking.creep):03d}T, {notation.number(tasking.unit.search_speed / KNOT)} kn; "
         f"POS {notation.probability(tasking.pos)}"

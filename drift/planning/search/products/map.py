@@ -74,7 +74,7 @@ def plot_plan(
     """
     i = nearest(forecast, plan) if time is None else range(forecast.data.sizes["time"])[time]
     at = forecast.data.isel(time=i)
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     count = effective.effective_at(forecast.data, i, setting.particles)
     least = count if count.few else min(_stood_on(plan, count), key=lambda count: count.number)
     frame, high, out = _framed(forecast, plan, i, setting.marks, MAP[3] - ROW * least.few)
@@ -92,11 +92,11 @@ def plot_plan(
     layers.outline(ax, frame, forecast, outlines, count.few, width=0.7)
     ashore = layers.ashore_marks(ax, frame, forecast, i)
     _plan(ax, on.canvas, frame, forecast, plan, i, setting.marks)
-    _words(on, plan, notation.group(at["time"].values[()]), setting)
+    _words(on, plan, notation.format_dtg(at["time"].values[()]), setting)
     if least.few:
-        sheet.rough(on, effective.banner(least, "areas and POS are rough"))
+        sheet.draw_rough_banner(on, effective.banner(least, "areas and POS are rough"))
     for k, text in enumerate(out, 1 + least.few):
-        sheet.say(on, sheet.warning(0.875 - ROW * k, 9), text)
+        sheet.write_line(on, sheet.warning(0.875 - ROW * k, 9), text)
     more = layers.bands(forecast, [i], forecast.ends, count.few)
     more += [(symbol, page.fit(text, 34)) for way in ways for symbol, text in way.key]
     _legend(
@@ -112,7 +112,7 @@ def plot_plan(
     )
     _panel(on.figure, plan)
     _bar(on.figure, mesh)
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _framed(
@@ -123,11 +123,11 @@ def _framed(
     """
     frame = _extent(forecast, plan, i, marks, high)
     at = forecast.data.isel(time=i)
-    out = textwrap.wrap(beyond.left_out(frame, at), 110)
+    out = textwrap.wrap(beyond.outside_frame_sentence(frame, at), 110)
     if out:
         high -= ROW * len(out)
         frame = _extent(forecast, plan, i, marks, high)
-        out = textwrap.wrap(beyond.left_out(frame, at), 110)
+        out = textwrap.wrap(beyond.outside_frame_sentence(frame, at), 110)
     return frame, high, out
 
 
@@ -137,7 +137,9 @@ def _words(on: Page, plan: Plan, time: str, setting: Setting) -> None:
     when = f"Probability at {time}, given that all searches until then have failed"
     many = "" if setting.particles is None else f"   ·   {setting.particles:,} particles"
     title = _cut(on, imprint.title, TITLED if imprint.caution else 0.985)
-    sheet.head(on, replace(imprint, title=title), f"Plan: {plan_text.worth(plan)}", when + many)
+    sheet.write_head(
+        on, replace(imprint, title=title), f"Plan: {plan_text.worth(plan)}", when + many
+    )
 
 
 def _cut(on: Page, title: str, right: float) -> str:
@@ -208,7 +210,7 @@ def _plan(
 ) -> None:
     """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar."""
     texts: list[labels.Point] = []
-    busy = list(layers.occupied(frame, forecast, [forecast.data["time"].values[i]]))
+    busy = list(layers.label_obstacles(frame, forecast, [forecast.data["time"].values[i]]))
     for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
         for points in subareas.transits(tasking):
             line(
@@ -374,7 +376,7 @@ def _legend(
             ),
         )
     for outline in outlines:
-        style = layers.line(outline.share, forecast, few)
+        style = layers.outline_style(outline.share, forecast, few)
         symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
         size = f"{'rough, ' if few else ''}{labels.number(outline.area / NMI**2)}"
         rows.append((symbol, f"{notation.hundredths(outline.share)} % area: {size} nmi²"))
@@ -472,4 +474,4 @@ def _bar(figure: Figure, mesh: Any) -> None:
 
 def short(time: np.datetime64) -> str:
     """Return a time without its month, 161350Z."""
-    return f"{notation.group(time)[:6]}Z"
+    return f"{notation.format_dtg(time)[:6]}Z"

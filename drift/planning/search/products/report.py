@@ -34,11 +34,11 @@ def plan_leaves(plan: Plan) -> list[Leaf]:
         [row["area"], *(row[name] for name, _, _ in told)]
         for row in files.plan_as_json(plan)["taskings"]
     ]
-    begin, until = (notation.group(time) for time in (plan.spec.begin, plan.spec.until))
+    begin, until = (notation.format_dtg(time) for time in (plan.spec.begin, plan.spec.until))
     units = f"{len(rows)} sub-area{'s' * (len(rows) != 1)}"
     return [
         leaves.headline_leaf(f"The plan, {begin} to {until}, {units}: {plan_text.worth(plan)}."),
-        leaves.shapes(
+        leaves.shapes_leaf(
             "Planned areas",
             file,
             "planned",
@@ -48,13 +48,13 @@ def plan_leaves(plan: Plan) -> list[Leaf]:
             told=TOLD,
             frame=True,
         ),
-        leaves.shapes(
+        leaves.shapes_leaf(
             "Planned legs", file, "planned_legs", where={"shape": ["legs", "round"]}, told=TOLD
         ),
-        leaves.shapes(
+        leaves.shapes_leaf(
             "Ways out and home", file, "planned_transit", where={"shape": "transit"}, shown=False
         ),
-        leaves.shapes(
+        leaves.shapes_leaf(
             "Commence search points",
             file,
             "planned_point",

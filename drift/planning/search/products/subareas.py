@@ -145,9 +145,9 @@ def _turns(
     inner = list(way[1:-1] if len(way) and _same(way[0], port) else way[:-1])
     points = []
     for k, place in enumerate(inner):
-        rest = polyline.way(list(way)[-(len(inner) - k) - 1 :])
+        rest = polyline.great_circle_length(list(way)[-(len(inner) - k) - 1 :])
         if speed < 0:  # the time is that of the port
-            rest = polyline.way([port, *list(way)[: len(way) - len(inner) + k]])
+            rest = polyline.great_circle_length([port, *list(way)[: len(way) - len(inner) + k]])
         number = k + 1 if speed > 0 else len(inner) - k
         passed = time - np.timedelta64(round(rest / abs(speed)), "s")
         points.append(Waypoint(f"{name} {number:02d}", "way", passed, *place))
@@ -178,7 +178,7 @@ def by_sea(tasking: Tasking) -> list[tuple[str, float, float]]:
         ("Way home", tasking.back, unit.return_to, end(tasking)),
     )
     return [
-        (name, polyline.way(way), polyline.way([port, place]))
+        (name, polyline.great_circle_length(way), polyline.great_circle_length([port, place]))
         for name, way, port, place in ways
         if len(way) > 1
     ]

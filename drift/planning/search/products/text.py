@@ -169,9 +169,14 @@ def _up(value: float, digits: int) -> float:
 
 
 def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list[str]:
-    rows = [("Period", f"{notation.group(plan.spec.begin)} to {notation.group(plan.spec.until)}")]
+    rows = [
+        (
+            "Period",
+            f"{notation.format_dtg(plan.spec.begin)} to {notation.format_dtg(plan.spec.until)}",
+        )
+    ]
     if datum is not None and (where := notation.position(*datum[:2])) is not None:
-        rows.append(("Datum", f"{where} at {notation.group(datum[2])}"))
+        rows.append(("Datum", f"{where} at {notation.format_dtg(datum[2])}"))
     rows += [("Objective", OBJECTIVES[plan.spec.objective]), ("Worth", worth(plan))]
     if words := stranded(plan):
         rows.append(("Ashore", words))
@@ -271,16 +276,19 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
     rows += [
         (
             "Takeoff",
-            f"{notation.group(tasking.takeoff)}   from {notation.stated_position(*unit.base)}",
+            f"{notation.format_dtg(tasking.takeoff)}   from {notation.stated_position(*unit.base)}",
         ),
-        ("On scene", notation.group(tasking.on_scene) + ("   at the CSP" if sortie.legs else "")),
+        (
+            "On scene",
+            notation.format_dtg(tasking.on_scene) + ("   at the CSP" if sortie.legs else ""),
+        ),
         (
             "Off scene",
-            f"{notation.group(tasking.off_scene)}   at {notation.position(*subareas.end(tasking))}",
+            f"{notation.format_dtg(tasking.off_scene)}   at {notation.position(*subareas.end(tasking))}",
         ),
         (
             "Home",
-            f"{notation.group(tasking.home)}   at {notation.stated_position(*unit.return_to)}",
+            f"{notation.format_dtg(tasking.home)}   at {notation.stated_position(*unit.return_to)}",
         ),
         *(
             (which, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
@@ -439,4 +447,4 @@ def _first_course(tasking: Tasking) -> int:
 
 
 def _short(time: np.datetime64) -> str:
-    return f"{notation.group(time)[:6]}Z"
+    return f"{notation.format_dtg(time)[:6]}Z"

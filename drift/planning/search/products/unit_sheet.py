@@ -107,14 +107,14 @@ def plot_unit_sheet(
     """Draw page `number` of the sheet of tasking `which`."""
     name, tasking = subareas.names(plan)[which], plan.taskings[which]
     way = subareas.route(name, tasking)
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     figure = on.figure
     head = f"{name}  {page.fit(tasking.unit.name, 40)}" + (f", page {number}" if number > 1 else "")
-    on_scene = f"{notation.group(tasking.on_scene)} to {plan_map.short(tasking.off_scene)}"
+    on_scene = f"{notation.format_dtg(tasking.on_scene)} to {plan_map.short(tasking.off_scene)}"
     when = f"On scene {on_scene}. Times are UTC, directions true."
-    sheet.head(on, replace(imprint, title=head), imprint.title, when)
+    sheet.write_head(on, replace(imprint, title=head), imprint.title, when)
     if plan_text.rough(plan):
-        sheet.rough(on, "Few particles: areas and POS are rough")
+        sheet.draw_rough_banner(on, "Few particles: areas and POS are rough")
     if number == 1:
         land = np.array(list(polygons), dtype=object)
         _chart(figure, on.canvas, tasking, way, land)
@@ -124,7 +124,7 @@ def plot_unit_sheet(
     else:
         first = COLUMNS * (ROWS + MORE * (number - 2))
         _table(figure, way[first : first + COLUMNS * MORE], 0.9, MORE)
-    sheet.end(on, path, imprint, f"{name} {tasking.unit.name}: {imprint.title}")
+    sheet.finish_page(on, path, imprint, f"{name} {tasking.unit.name}: {imprint.title}")
 
 
 def _chart(

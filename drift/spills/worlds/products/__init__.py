@@ -1,1 +1,1 @@
-"""Files and pictures of a spill."""
+"""Output files and pictures of a spill."""

@@ -1,13 +1,10 @@
-"""What a spill hands out besides its forecast.
-
-That is the washup by stretch of coast, the account, and its unknowns.
-"""
+"""Output files of a spill besides its forecast: washup by stretch, account, finds, unknowns."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.products.maps.marks import Mark
 from drift.spills.worlds import renewal, unknowns, verdict
@@ -18,17 +15,17 @@ from drift.spills.worlds.renewal import Aftermath
 
 @dataclass(frozen=True)
 class SpillOutputs:
-    """What the files and pictures are made from."""
+    """The inputs of the spill's files and picture."""
 
     after: Aftermath
     setting: Setting
 
 
-def _washup(matter: SpillOutputs, path: Path) -> None:
-    # imported here, for Matplotlib takes a second
+def _plot_washup(outputs: SpillOutputs, path: Path) -> None:
+    # imported here because Matplotlib takes a second
     from drift.spills.worlds.products import map as washup_map
 
-    after = matter.after
+    after = outputs.after
     walked = [
         washup_map.Patrolled(
             patrol["name"], patrol["time"], patrol["detection"], patrol["segments"]
@@ -39,7 +36,7 @@ def _washup(matter: SpillOutputs, path: Path) -> None:
         after.washup,
         after.segments,
         path,
-        matter.setting,
+        outputs.setting,
         finds=finds(after),
         patrols=washup_map.Patrols(walked),
         warning=renewal.warning(after),
@@ -55,38 +52,42 @@ def finds(after: Aftermath) -> list[Mark]:
 
 
 FILES: dict[str, Callable[[SpillOutputs, Stamped], Contents]] = {
-    "washup.nc": lambda matter, stamped: matter.after.washup,
-    "washup.csv": lambda matter, stamped: washup_tables.stretches(
-        matter.after.washup, stamped["run_id"]
+    "washup.nc": lambda outputs, stamped: outputs.after.washup,
+    "washup.csv": lambda outputs, stamped: washup_tables.stretches(
+        outputs.after.washup, stamped["run_id"]
     ),
-    "washup_times.csv": lambda matter, stamped: washup_tables.times(
-        matter.after.washup, stamped["run_id"]
+    "washup_times.csv": lambda outputs, stamped: washup_tables.times(
+        outputs.after.washup, stamped["run_id"]
     ),
-    "totals.csv": lambda matter, stamped: washup_tables.totals(
-        matter.after.washup, stamped["run_id"]
+    "totals.csv": lambda outputs, stamped: washup_tables.totals(
+        outputs.after.washup, stamped["run_id"]
     ),
-    "washup.geojson": lambda matter, stamped: washup_tables.lines(
-        matter.after.washup, matter.after.segments, stamped
+    "washup.geojson": lambda outputs, stamped: washup_tables.lines(
+        outputs.after.washup, outputs.after.segments, stamped
     ),
-    "unknowns.csv": lambda matter, stamped: unknowns.unknowns_csv(
-        renewal.unknown(matter.after), matter.after.posterior.effective, stamped["run_id"]
+    "unknowns.csv": lambda outputs, stamped: unknowns.unknowns_csv(
+        renewal.unknown(outputs.after), outputs.after.posterior.effective, stamped["run_id"]
     ),
 }
-# Of a spill with finds.
+# only for a spill with finds
 FIND_FILES: dict[str, Callable[[SpillOutputs, Stamped], Contents]] = {
-    "finds.csv": lambda matter, stamped: verdict.csv(
-        renewal.told(matter.after), matter.after.posterior.effective, stamped["run_id"]
+    "finds.csv": lambda outputs, stamped: verdict.csv(
+        renewal.told(outputs.after), outputs.after.posterior.effective, stamped["run_id"]
     ),
 }
 PICTURES: dict[str, Callable[[SpillOutputs, Path], None]] = {
-    "washup.png": _washup,
+    "washup.png": _plot_washup,
 }
 
 
-def chapter(matter: SpillOutputs) -> Chapter:
-    """Return the chapter of a spill."""
-    after = matter.after
-    files = bound(FILES, matter) | (bound(FIND_FILES, matter) if after.spill.finds else {})
+def chapter(outputs: SpillOutputs) -> OutputBundle:
+    """Return the output bundle of a spill."""
+    after = outputs.after
+    files = bind_outputs(FILES, outputs) | (
+        bind_outputs(FIND_FILES, outputs) if after.spill.finds else {}
+    )
     words = headline.washup_headline(after.washup)
     leaves = (lambda: report.spill_leaves(finds(after), renewal.silence(after), words),)
-    return Chapter(renewal.summary_of_spill(after), files, bound(PICTURES, matter), leaves=leaves)
+    return OutputBundle(
+        renewal.summary_of_spill(after), files, bind_outputs(PICTURES, outputs), leaves=leaves
+    )

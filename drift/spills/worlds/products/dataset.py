@@ -1,7 +1,4 @@
-"""The contents of washup.nc: CF-1.11 variables by stretch of coast and output time.
-
-It also holds the account of all objects.
-"""
+"""The contents of washup.nc: CF-1.11 variables by stretch and output time, and the account."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,12 +17,12 @@ SHARES = (0.1, 0.5, 0.9)
 FATES = ("pending", "afloat", "ashore", "sunk", "gone", "destroyed", "found")
 FATES_MEAN = (
     "pending: not yet released; afloat: adrift; gone: left the domain or ran out of forcing; destroyed: lost at once; "
-    "found: found and taken away; the last two hold at all times"
+    "found: found and taken away; destroyed and found count at all times"
 )
 
 BY_TIME = ("time", "segment")
 GIVEN = "over the simulated spills in which any object arrives there within the run"
-# By name: dimensions, unit, meaning. Each figure has its standard error under name + "_se".
+# Dimensions, unit and long name by variable. Each has its standard error under name + "_se".
 FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "expected": (BY_TIME, "1", "expected number of objects that lie on the stretch"),
     "probability": (BY_TIME, "1", "probability that at least one object lies on the stretch"),
@@ -37,7 +34,7 @@ FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "arrived": (
         BY_TIME,
         "1",
-        "expected number of objects that have ever lain on the stretch, those found left out",
+        "expected number of objects that have ever lain on the stretch, without those found",
     ),
     "expected_by_kind": (
         ("kind", *BY_TIME),
@@ -59,20 +56,20 @@ FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
         formats.EPOCH,
         f"quantile of the median time at which the objects of a spill arrive, UTC, {GIVEN}",
     ),
-    "total": (("fate", "time"), "1", "expected number of objects by what has become of them"),
+    "total": (("fate", "time"), "1", "expected number of objects by fate"),
     "total_number": (
         ("quantile", "fate", "time"),
         "1",
-        "quantile of the number of objects by what has become of them",
+        "quantile of the number of objects by fate",
     ),
 }
 SUMMARY = (
-    "What of a spill of many objects lies on which stretch of coast, and when it arrived: expected numbers, probabilities "
-    "and quantiles over simulated spills, with standard errors; and what has become of all objects."
+    "Objects of a spill on each stretch of coast, and when they arrived: expected numbers, probabilities "
+    "and quantiles over simulated spills, with standard errors; and the fates of all objects."
 )
 ERROR = "standard error, from the number of worlds and of particles, of the "
 ERRORS_MEAN = (
-    "errors of means and probabilities hold what worlds that were not seen leave open (drift.spills.worlds.estimate.unseen); "
+    "errors of means and probabilities allow for worlds that were not sampled (drift.spills.worlds.estimate.unseen); "
     "NaN: too few worlds to judge"
 )
 
@@ -87,11 +84,23 @@ def build_washup_dataset(
     start: np.datetime64,
     kinds: Sequence[str],
 ) -> xr.Dataset:
-    """Return figures (see drift.spills.worlds.washup.build_washup) as a dataset, which has no
-    stretch where none was touched.
+    """Return figures (see drift.spills.worlds.washup.build_washup) as a dataset.
 
-    figures: FIGURES and their errors by name, times in seconds after the start; those of stretches
-    may be missing. touched: numbers of the stretches in `segments`, (s,).
+    Its dimension `segment` is empty if no stretch was touched.
+
+    Args:
+        figures: FIGURES and their errors by name, times in [s after start]; those of stretches may
+            be missing.
+        segments: stretches of coast.
+        touched: numbers of the touched stretches in `segments`, (s,).
+        weight: weights of the worlds, (W,).
+        realisations: number of realisations of each world.
+        outputs: output times [s after start], (T,).
+        start: start of the run, UTC.
+        kinds: names of the classes of objects.
+
+    Returns:
+        The contents of washup.nc.
     """
     start = start.astype("datetime64[s]")
     coords = {
@@ -120,7 +129,7 @@ def build_washup_dataset(
         "fate": (
             "fate",
             np.array(FATES, object),
-            {"long_name": "what has become of an object", "comment": FATES_MEAN},
+            {"long_name": "fate of an object", "comment": FATES_MEAN},
         ),
     }
     sizes = {name: len(coords[name][1]) for name in ("time", "segment", "quantile", "kind", "fate")}
@@ -137,7 +146,7 @@ def build_washup_dataset(
         ("world", "time", "fate"),
         figures["world_total"],
         {
-            "long_name": "number of objects by what has become of them in each world, mean of its realisations",
+            "long_name": "number of objects by fate in each world, mean of its realisations",
             "units": "1",
             "comment": "adds up to the world's number of objects",
         },
@@ -153,7 +162,7 @@ def build_washup_dataset(
         {
             "long_name": "effective number of worlds after the finds",
             "units": "1",
-            "comment": "each weighs as the finds weigh it; forecast.nc weighs each by what it has on the map at a time too",
+            "comment": "worlds are weighted by the finds; forecast.nc also weights each by its mapped probability at a time",
         },
     )
     data["realisations"] = (
@@ -167,9 +176,9 @@ def build_washup_dataset(
 def _variables(
     figures: Mapping[str, Array], sizes: Mapping[str, int], begin: float
 ) -> dict[str, tuple[Any, ...]]:
-    """Return FIGURES and their errors as variables, zero where they are missing.
+    """Return FIGURES and their errors as variables, zero if missing.
 
-    begin: of the run [s since 1970].
+    begin: start of the run [s since 1970].
     """
     data: dict[str, tuple[Any, ...]] = {}
     for name, (dims, unit, words) in FIGURES.items():
@@ -191,10 +200,8 @@ def _variables(
 
 
 def _places(segments: Segments, touched: Array) -> dict[str, tuple[str, Any, dict[str, Any]]]:
-    """Return names, ids, kinds of shore, middles, lengths and nearest towns of the stretches as
-    coordinates.
-    """
-    towns = gazetteer.nearest(segments.lon[touched], segments.lat[touched], segments.land)
+    """Return names, ids, shores, middles, lengths and nearest towns of stretches as coordinates."""
+    towns = gazetteer.nearest_towns(segments.lon[touched], segments.lat[touched], segments.land)
     return {
         "name": (
             "segment",

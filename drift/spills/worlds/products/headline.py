@@ -1,6 +1,4 @@
-"""A spill's washup in a few words: how many objects lie ashore at the end, and where most of them
-do.
-"""
+"""The headline of a spill's report: number of objects ashore at the end, and the worst stretch."""
 
 import xarray as xr
 
@@ -10,17 +8,17 @@ from drift.spills.worlds.products.tables import called
 from geo import notation
 from geo.notation import NMI
 
-MENTIONED = 0.05  # objects from which a number is worth a sentence
+MENTIONED = 0.05  # [objects] least expected number that gets a sentence
 
 
 def washup_headline(data: xr.Dataset) -> str:
-    """Return the sentences that stand on top of the report of a spill.
+    """Return the sentences at the top of the report of a spill.
 
     Args:
         data: as drift.spills.worlds.products.dataset.build_washup_dataset returns it.
     """
     at = data.isel(time=-1)
-    when = notation.group(at["time"].values)
+    when = notation.format_dtg(at["time"].values)
     ashore = at.sel(fate="ashore")
     expected, lost = ashore["total"].item(), at["total"].values.sum()
     if expected < MENTIONED:

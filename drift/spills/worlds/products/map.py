@@ -1,10 +1,8 @@
-"""The picture of a washup: the coast by expected number and by arrival time, and a table.
+"""The picture of a washup: maps of the coast by expected number and by arrival time, and a table.
 
-The table holds the ten worst stretches.
-
-Colours differ by lightness alone and lines are wider for larger numbers, so that the picture reads
-in grey print; dark is more, and sooner. Land comes from the polygons handed in; nothing is
-downloaded.
+The table holds the ten worst stretches. Colours differ by lightness only, and lines are wider for
+larger numbers, so that the picture is readable in grey; darker means more, or sooner. Land comes
+from the given polygons; nothing is downloaded.
 """
 
 import textwrap
@@ -39,11 +37,11 @@ from geo.array import Array
 from geo.coast.segments import Segments
 
 WORST = 10
-# least probability of any arrival with which a stretch is drawn; less where hardly any has more
+# least probability of any arrival for a stretch to be drawn; lower if hardly any stretch reaches it
 LEAST = 0.01
 DECADES = 2.5  # decades of the expected number on the colour scale
-LETTERS = 170  # of a line of warnings
-MOST_WARNED = 6  # lines of warnings
+LETTERS = 170  # most letters in a line of warnings
+MOST_WARNED = 6  # most lines of warnings
 LINE = 0.0125  # height of a further line of warnings, as a share of the figure
 ROW = 0.032  # height of a row of warnings over the maps, as a share of the figure
 SHEET = Sheet(
@@ -60,9 +58,9 @@ SHEET = Sheet(
 MAP = (0.46, 0.405)  # width and height of a map, of the figure
 LEFT, RIGHT = 0.03, 0.03 + MAP[0] + 0.02  # where the maps begin
 PATROL, PATROL_INK = "#4fa3d1", "#0b4f8a"
-NOTED = 8  # patrols beside which name, day, time and detection are written
+NOTED = 8  # most patrols that are labelled with name, day, time and detection
 FIRST: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
-# box of a rank
+# box around a rank
 BADGE = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}
 BULK: dict[str, Any] = {
     "facecolor": "#f2efe6",
@@ -83,10 +81,7 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Patrolled:
-    """A patrol: its name, its time, its chance of detection, and the numbers of its stretches.
-
-    The chance is the share that it finds of what lies there.
-    """
+    """A patrol: its name, time, detection probability, and the numbers of its stretches."""
 
     name: str
     time: np.datetime64
@@ -100,7 +95,7 @@ class Patrols:
 
     all: Sequence[Patrolled] = ()
     called: str = "patrolled"  # name in the legend
-    # whether the maps show only what lies about the patrols, and the table lists only that
+    # whether to map only the surroundings of the patrols, and to list only their stretches
     near: bool = False
 
 
@@ -109,17 +104,15 @@ NO_PATROLS = Patrols()
 
 @dataclass(frozen=True)
 class _Shown:
-    """What is drawn: stretches by expected number (least first), and the ten worst of them (worst
-    first).
-    """
+    """The drawn stretches by expected number (least first), and the ten worst (worst first)."""
 
-    number: Array  # expected
+    number: Array  # expected number of objects
     sooner: Array  # median time of the first arrival [s since 1970]
-    lines: list[list[Array]]  # of each stretch, its parts' (n, 2) [deg]
-    worst: Array  # those that are listed, indices in the data
-    lon: Array  # of these [deg]
+    lines: list[list[Array]]  # lines (n, 2) [deg] of each stretch
+    worst: Array  # listed stretches, indices in the data
+    lon: Array  # middles of the listed stretches [deg]
     lat: Array
-    rank: Array  # of these, as in the tables, where stretches that are not drawn count too
+    rank: Array  # ranks of the listed stretches as in the tables, among all stretches
 
 
 def plot_washup(
@@ -133,16 +126,22 @@ def plot_washup(
     warning: str | None = None,
     silence: str | None = None,
 ) -> None:
-    """Draw a washup (see drift.spills.worlds.washup.build_washup) at its last output time.
+    """Draw a washup (drift.spills.worlds.washup.build_washup) at its last output time.
 
-    setting: its marks are where the objects were released. finds: where objects were found, each
-    labelled by its number; the figures are then of the objects not yet found. patrols: drawn beside
-    the coast, the last of them with name, day, time and detection. warning: printed on the page, in
-    red. silence: what is taken for granted about what was not found, at the foot.
+    Args:
+        data: contents of washup.nc.
+        segments: stretches of coast.
+        path: the PNG to write.
+        setting: its marks are where the objects were released.
+        finds: where objects were found, each labelled by its number; the figures are then of
+            objects not yet found.
+        patrols: drawn beside the coast, the last of them with name, day, time and detection.
+        warning: printed on the page, in red.
+        silence: up to when the absence of reports is evidence, printed at the foot.
     """
     warned = textwrap.wrap(warning, LETTERS)[:MOST_WARNED] if warning else []
     lower = LINE * max(len(warned) - 1, 0)
-    on = sheet.begin(replace(SHEET, rough=Badge(0.0325, 0.878 - ROW - lower)))
+    on = sheet.begin_page(replace(SHEET, rough=Badge(0.0325, 0.878 - ROW - lower)))
     near = patrols.near and any(patrol.segments for patrol in patrols.all)
     shown = _shown(
         data,
@@ -206,12 +205,12 @@ def plot_washup(
         on.figure.text(0.5, 0.25, text, fontsize=13, weight="bold", ha="center", color=INK)
     _words(on, data, setting.imprint, len(finds))
     if count.few:
-        sheet.rough(on, effective.banner(count, "numbers, ranges and times are rough"))
+        sheet.draw_rough_banner(on, effective.banner(count, "numbers, ranges and times are rough"))
     for k, line in enumerate(warned):
-        sheet.say(on, sheet.warning(0.879 - LINE * k, 7.5, LETTERS, "center"), line)
+        sheet.write_line(on, sheet.warning(0.879 - LINE * k, 7.5, LETTERS, "center"), line)
     if silence:
-        sheet.say(on, sheet.small(0.0245, 7.5, 230), f"Assumed: {silence}")
-    sheet.end(on, path, setting.imprint)
+        sheet.write_line(on, sheet.small(0.0245, 7.5, 230), f"Assumed: {silence}")
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _parts(segments: Segments, number: int) -> list[Array]:
@@ -220,7 +219,7 @@ def _parts(segments: Segments, number: int) -> list[Array]:
 
 
 def _scales(shown: _Shown) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the ends of the colour scales: of the expected number, and of time [s since 1970]."""
+    """Return the ends of the colour scales: expected number, and time [s since 1970]."""
     most = float(shown.number.max(initial=0.0)) or 1.0
     hours = np.append(shown.sooner, [] if len(shown.sooner) else 0.0) / 3600
     first = float(np.floor(hours.min()))
@@ -231,9 +230,7 @@ def _scales(shown: _Shown) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def _shown(data: xr.Dataset, segments: Segments, only: set[int] | None) -> _Shown:
-    """Return what is drawn; only: numbers of the stretches of which the worst are listed, None for
-    all.
-    """
+    """Return the stretches to draw; only: numbers of stretches that may be listed, None: all."""
     ever, number = data["ever"].values, data["expected"].values[-1]
     order = washup.worst(data)
     drawn = np.flatnonzero(ever[order] >= min(LEAST, 0.1 * ever.max(initial=0.0)))
@@ -264,11 +261,9 @@ def _extent(
     aspect: float,
     near: bool,
 ) -> Frame:
-    """Return the frame of the stretches that are drawn, of what was patrolled, and of the marks.
+    """Return the frame of the drawn stretches, patrols and marks; near: of the patrols only.
 
-    If no stretch is drawn, all stretches count.
-
-    near: the frame of what was patrolled alone.
+    If nothing is drawn, all stretches count.
     """
     lines = walked if near else (*shown.lines, *walked)
     marks = [] if near else marks
@@ -287,7 +282,7 @@ def _extent(
 
 
 def _dark_is_more() -> Colormap:
-    """Magma reversed without its nearly white end, which a coastline does not show."""
+    """Return reversed magma without its nearly white end, which is invisible on a coastline."""
     return ListedColormap(
         matplotlib.colormaps["magma_r"](np.linspace(0.06, 0.98, 128)), name="dark_is_more"
     )
@@ -302,9 +297,7 @@ def _coast(
     scale: Normalize,
     colours: Colormap,
 ) -> None:
-    """Draw the stretches, the worst on top, each cased in ink so that light ones stand out from
-    land and sea.
-    """
+    """Draw the stretches, the worst on top, with an ink outline to contrast with land and sea."""
     parts = [np.column_stack(frame.project(*part.T)) for parts in shown.lines for part in parts]
     owner = np.repeat(np.arange(len(shown.lines)), [len(parts) for parts in shown.lines])
     style: dict[str, Any] = {"capstyle": "round", "joinstyle": "round"}
@@ -332,7 +325,7 @@ def _points(
     finds: Sequence[Mark],
     notes: Sequence[labels.Point],
 ) -> None:
-    """Draw the release, the worst stretches, the finds, the notes on patrols and the scale bar."""
+    """Draw the release, the worst stretches, finds, labels of patrols, and the scale bar."""
     texts: list[labels.Point] = []
     x, y = frame.project(shown.lon, shown.lat)
     some = frame.holds(x, y)
@@ -379,7 +372,7 @@ def _points(
 
 
 def _patrolled(ax: Axes, frame: Frame, walked: Sequence[list[Array]]) -> None:
-    """Draw what was patrolled as a wide band under the coast."""
+    """Draw the patrolled stretches as a wide band under the coast."""
     parts = [np.column_stack(frame.project(*part.T)) for parts in walked for part in parts]
     band = LineCollection(
         parts, linewidths=14, colors=PATROL, alpha=0.55, zorder=5, capstyle="butt"
@@ -390,7 +383,7 @@ def _patrolled(ax: Axes, frame: Frame, walked: Sequence[list[Array]]) -> None:
 def _beside(
     frame: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Array]]
 ) -> list[labels.Point]:
-    """Return labels of the last patrols, with name, day, time and detection.
+    """Return labels of the last patrols: name, day, time and detection.
 
     Each stands in the middle of the patrol's longest stretch.
     """
@@ -407,7 +400,7 @@ def _beside(
 
 
 def _along(frame: Frame, coast: Sequence[Array]) -> list[Bbox]:
-    """Return small boxes [axes fraction] along lines [m], for labels to keep clear of."""
+    """Return small boxes [axes fraction] along lines [m], which labels must avoid."""
     mesh = (frame.x[1] - frame.x[0]) / 60
     dense = [
         shapely.get_coordinates(shapely.segmentize(shapely.LineString(part), mesh / 2))
@@ -427,7 +420,7 @@ def _along(frame: Frame, coast: Sequence[Array]) -> list[Bbox]:
 def _bar(
     figure: Figure, norm: Normalize, left: float, words: str, ticks: Mapping[float, str]
 ) -> None:
-    """Draw the colour scale of a map under it, with what its ticks say."""
+    """Draw the colour scale of a map under it, with its tick labels."""
     numbers = isinstance(norm, LogNorm)
     colours = _dark_is_more() if numbers else _dark_is_more().reversed()
     figure.text(left, 0.421, words, fontsize=8.5, va="center", color=INK)
@@ -442,9 +435,7 @@ def _bar(
 
 
 def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
-    """Draw when the first object and the bulk reach each of the worst stretches, with their figures
-    beside it.
-    """
+    """Draw when the first object and the bulk reach each of the worst stretches, with a table."""
     ax = figure.add_axes((0.285, 0.085, 0.39, 0.265))
     at = data.isel(segment=shown.worst)
     first, bulk = at["first_arrival"].values, at["bulk_arrival"].values
@@ -469,7 +460,7 @@ def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
 
 
 def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
-    """Write each stretch's rank, name and place left of the chart, and its figures right of it."""
+    """Write each stretch's rank, name and place left of the chart, and its figures to the right."""
     place = ax.get_yaxis_transform()
     middle = [
         notation.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)
@@ -534,7 +525,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
 
 
 def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
-    """Write under the chart what its bars and the marks on the maps are."""
+    """Write the legend of the chart's bars and the maps' marks."""
     shape: dict[str, Any] = {
         "linestyle": "none",
         "marker": "D",
@@ -565,9 +556,9 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     figure.text(
         0.7,
         0.047,
-        "Times: of the simulated spills in which any arrives there. After\n"
-        "+-: sampling error of the expected number, no range.\n"
-        f"Not drawn: what any object reaches with under {100 * LEAST:g} %, but of few.",
+        "Times: over the simulated spills in which any object arrives.\n"
+        "+-: sampling error of the expected number, no range. Stretches\n"
+        f"that objects reach with under {100 * LEAST:g} % are not drawn, if others are.",
         fontsize=7.5,
         color=GREY,
         va="center",
@@ -579,10 +570,10 @@ def _words(on: Page, data: xr.Dataset, imprint: Imprint, finds: int) -> None:
     """Write title, valid time, basis, account and the number of finds over the maps."""
     begin, end = data["start"].values[()], data["time"].values[-1]
     hours = (end - begin) / np.timedelta64(1, "h")
-    valid = f"Washup by {_moment(end)}, {hours:g} h after the start, {notation.group(begin)}"
-    sheet.head(on, imprint, valid, _basis(data))
+    valid = f"Washup by {_moment(end)}, {hours:g} h after the start, {notation.format_dtg(begin)}"
+    sheet.write_head(on, imprint, valid, _basis(data))
     account = _account(data)
-    sheet.say(on, sheet.heading(0.8905, min(9.5, 1320 / len(account))), account)
+    sheet.write_line(on, sheet.heading(0.8905, min(9.5, 1320 / len(account))), account)
     if finds:
         text = f"▲ after {finds} find{'s' * (finds > 1)}: numbers are of those not yet found"
         on.figure.text(
@@ -605,9 +596,7 @@ def _count(data: xr.Dataset) -> effective.Count:
 
 
 def _account(data: xr.Dataset) -> str:
-    """Return the account at the end in words: expected numbers, and 10 to 90 % of them where they
-    vary.
-    """
+    """Return the account at the end in words: expected numbers, with 10 to 90 % if they vary."""
     parts = []
     for fate in ("ashore", "afloat", "pending", "sunk", "gone", "destroyed", "found"):
         at = data.isel(time=-1).sel(fate=fate)
@@ -623,7 +612,7 @@ def _spills(data: xr.Dataset) -> str:
 
 
 def _moment(time: np.datetime64) -> str:
-    return f"{notation.group(time)} ({notation.iso(time)}, UTC)"
+    return f"{notation.format_dtg(time)} ({notation.iso(time)}, UTC)"
 
 
 def _short(seconds: float) -> str:

@@ -1,6 +1,4 @@
-"""What report.html shows of a spill: stretches of coast by what lies there over time, finds, and
-the account.
-"""
+"""Items of report.html for a spill: stretches by objects over time, finds, and the account."""
 
 from collections.abc import Sequence
 
@@ -34,21 +32,22 @@ FINDS = [
     ("none_of_ours", "None of ours", "share"),
 ]
 BEFOREHAND = (
-    "Expected there: the probability, by all that was known before, that the next find is on that stretch (at sea: within its "
-    "radius). Or where less likely: that it is on a stretch at most as likely; under 2 % it is unlikely. None of ours: 0 where the case gives no probability of being `false`. "
+    "Expected there: the probability, given all evidence before it, that the next find is on that stretch (at sea: within its "
+    "radius). Or where less likely: that it is on a stretch at most as likely; under 2 % the find is odd. None of ours: the "
+    "probability that it is not from this spill, 0 if the case does not set `false`. "
 )
 
 
 def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> list[Leaf]:
-    """Return the leaves of a spill and its finds.
+    """Return the report items of a spill and its finds.
 
     Args:
-        finds: where they were made.
-        silence: what is taken for granted about what was not found; None: nothing.
-        headline: what stands on top of the report.
+        finds: where objects were found.
+        silence: up to when the absence of reports is evidence, as text; None: no evidence.
+        headline: text at the top of the report.
     """
     words = f"Assumed: {silence}." if silence else ""
-    shown = [leaves.marked("Finds", finds, (), "find")] if finds else []
+    shown = [leaves.marks_leaf("Finds", finds, (), "find")] if finds else []
     listed = (
         [leaves.table_leaf("Finds, one by one", FINDS, file="finds.csv", note=BEFOREHAND + words)]
         if finds
@@ -57,7 +56,7 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
     quiet = [leaves.text_leaf("What was not found", words=words)] if silence and not finds else []
     return [
         leaves.headline_leaf(headline),
-        leaves.shapes(
+        leaves.shapes_leaf(
             "Washup by stretch",
             "washup.geojson",
             "stretch",
@@ -80,7 +79,7 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
                 ("expected_per_km", "On average per km", "number"),
             ],
             file="washup.csv",
-            note="Worst first, by the average number; a long stretch gets much for its length alone: beside it stands the rank by the number per km."
+            note="Worst first, by the average number. Long stretches collect more objects, so there is also a rank by number per km."
             + (" All numbers are of objects not yet found." if finds else ""),
             unfolded=True,
         ),

@@ -1,7 +1,4 @@
-"""The washup as text: stretches, worst first, as CSV and GeoJSON, over time, and the account.
-
-It writes no file.
-"""
+"""The washup as text: stretches (worst first) as CSV and GeoJSON, over time, and the account."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,9 +19,8 @@ Columns = dict[str, Any]  # arrays or lists of the same length, by the column's 
 def stretches(data: xr.Dataset, run: str) -> str:
     """Return the touched stretches at the end of the run, worst first, as CSV.
 
-    run: its run_id, in the last column.
-
-    Arrival times are in UTC and in hours after the run's start; a value that is not known is empty.
+    run: the run_id, for the last column. Arrival times are in UTC and in hours after the run's
+    start; an unknown value is empty.
     """
     columns = records(data)
     rows = [[*map(_text, row), run] for row in zip(*columns.values(), strict=True)]
@@ -32,10 +28,7 @@ def stretches(data: xr.Dataset, run: str) -> str:
 
 
 def records(data: xr.Dataset) -> Columns:
-    """Return the figures of the touched stretches at the end of the run, worst first;
-
-    NaN where not known.
-    """
+    """Return the figures of the touched stretches at the end, worst first; NaN if unknown."""
     order = washup.worst(data)
     at = data.isel(time=-1, segment=order)
     lon, lat = sphere.wrap_degrees(at["lon"].values), at["lat"].values
@@ -80,25 +73,21 @@ def records(data: xr.Dataset) -> Columns:
 
 
 def called(number: int, name: str, place: str) -> str:
-    """Return what a stretch is called: its name, or its number and place where its name is only its
-    place.
-    """
+    """Return the name of a stretch; with its number if the name is only its position."""
     return f"stretch {number}, {name}" if name == place else name
 
 
 def stretch(segments: Segments, number: int) -> str:
-    """Return what a stretch of the coast is called, with the nearest town where its name is only
-    its place.
-    """
+    """Return the name of a stretch; with the nearest town if the name is only its position."""
     lon, lat, name = float(segments.lon[number]), float(segments.lat[number]), segments.name[number]
     place = notation.position(lon, lat) or ""
-    (found,) = gazetteer.nearest(np.array([lon]), np.array([lat]), segments.land)
+    (found,) = gazetteer.nearest_towns(np.array([lon]), np.array([lat]), segments.land)
     town = gazetteer.place_in_words(found) if place and place in name else ""
     return called(number, name, place) + (f", {town}" if town else "")
 
 
 def times(data: xr.Dataset, run: str) -> str:
-    """Return the stretches that anything has come to at each output time, worst first, as CSV."""
+    """Return the stretches with any arrival so far at each output time, worst first, as CSV."""
     rows: list[list[Any]] = []
     header, worlds = [*_figures(data.isel(time=0)), "effective_worlds"], _text(_worlds(data))
     for t, when in enumerate(data["time"].values):
@@ -106,7 +95,7 @@ def times(data: xr.Dataset, run: str) -> str:
         order = order[data["arrived"].values[t, order] > 0]
         at = data.isel(time=t, segment=order)
         names = at["segment"].values, at["name"].values
-        moment = [notation.iso(when), notation.group(when)]
+        moment = [notation.iso(when), notation.format_dtg(when)]
         rows += [
             [*moment, *row[:2], *map(_text, row[2:]), worlds, run]
             for row in zip(*names, *_figures(at).values(), strict=True)
@@ -115,9 +104,7 @@ def times(data: xr.Dataset, run: str) -> str:
 
 
 def totals(data: xr.Dataset, run: str) -> str:
-    """Return the account as CSV, a row for each time and fate; the expected numbers of a time add
-    up to N.
-    """
+    """Return the account as CSV, by time and fate; expected numbers of a time add up to N."""
     mean, number = (
         [_significant(data[name + end].values) for end in ("", "_se")]
         for name in ("total", "total_number")
@@ -126,7 +113,7 @@ def totals(data: xr.Dataset, run: str) -> str:
     rows = [
         [
             notation.iso(when),
-            notation.group(when),
+            notation.format_dtg(when),
             fate,
             *(_text(values[f, t]) for values in figures),
             worlds,
@@ -150,12 +137,10 @@ def totals(data: xr.Dataset, run: str) -> str:
 
 
 def lines(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the touched stretches as a GeoJSON FeatureCollection of lines (RFC 7946).
+    """Return the touched stretches as a GeoJSON FeatureCollection of lines (RFC 7946), worst first.
 
-    They come worst first, and are cut at 180 degrees.
-
-    A feature's id is that of the stretch, its properties are the columns of `stretches`; null:
-    unknown.
+    Lines are cut at 180 degrees. A feature's id is that of the stretch; its properties are the
+    columns of `stretches`, null if unknown.
     """
     columns = records(data)
     features = []
@@ -167,9 +152,7 @@ def lines(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -
 
 
 def _worlds(data: xr.Dataset) -> float:
-    """Return how many worlds count, to six digits; with fewer than effective.FEW all figures are
-    rough.
-    """
+    """Return the effective number of worlds to six digits; figures are rough below effective.FEW."""
     return float(f"{data['effective_worlds'].item():.6g}")
 
 
@@ -178,7 +161,7 @@ def _shares(data: xr.Dataset) -> list[str]:
 
 
 def _figures(at: xr.Dataset) -> dict[str, Array]:
-    """Return the figures of a time by column, each (segment,)."""
+    """Return the figures of one output time by column, each (segment,)."""
     columns: dict[str, Array] = {}
     for name in ("expected", "probability", "number", "arrived"):
         for end in ("", "_se"):
@@ -199,14 +182,14 @@ def _significant(values: Array) -> Array:
 
 
 def _number(value: Any) -> Any:
-    """Return a value that JSON can hold: null for what is unknown."""
+    """Return a value that JSON can hold: null if unknown."""
     if isinstance(value, float):
         return float(value) if np.isfinite(value) else None
     return int(value) if isinstance(value, np.integer) else str(value)
 
 
 def _text(value: Any) -> str:
-    """Return a value for CSV: empty for what is unknown."""
+    """Return a value for CSV: empty if unknown."""
     if isinstance(value, float):
         return f"{value:.10g}" if np.isfinite(value) else ""
     return str(value)

@@ -37,7 +37,7 @@ def test_lines_of_all_of_some_values_and_of_any() -> None:
         *lines(odd, ": y"), *lines(["transit, south, 12 kn"], ": z"), *lines(LEFT.names, ".phase 1: is odd"),
         'scenario "adrift": has no current',
     ]  # fmt: skip
-    assert family.gathered(told, PLACES) == [
+    assert family.merge_lines(told, PLACES) == [
         'family "transit".phase 1: is odd',
         "start: is missing",
         'family "transit", route "north": has no current',
@@ -52,20 +52,20 @@ def test_lines_of_all_of_some_values_and_of_any() -> None:
 def test_names_that_hold_quotation_marks() -> None:
     name = 'the "Anna", north'
     places = {name: InFamily(Family('the "Anna"', (Axis("route", ("north",)),), ((0,),)), (0,))}
-    assert family.gathered([f'scenario "{name}".phase 1: no', 'scenario "the": no'], places) == [
+    assert family.merge_lines([f'scenario "{name}".phase 1: no', 'scenario "the": no'], places) == [
         'family "the "Anna"".phase 1: no', 'scenario "the": no'
     ]  # fmt: skip
 
 
 def test_names_together() -> None:
     some = [name for name in TRANSIT.names if name.split(", ")[2] != "9 kn"]
-    assert family.together(TRANSIT.names, PLACES) == ["transit (10)"]
-    assert family.together(["adrift", *some], PLACES) == [
+    assert family.merge_names(TRANSIT.names, PLACES) == ["transit (10)"]
+    assert family.merge_names(["adrift", *some], PLACES) == [
         "adrift",
         "transit, 6 kn, 8 kn, 10 kn and 1 more (8)",
     ]
-    assert family.together(TRANSIT.names[5:6], PLACES) == ["transit, south, 6 kn"]
-    assert family.together([TRANSIT.names[0], TRANSIT.names[6]], PLACES) == ["transit (2)"]
+    assert family.merge_names(TRANSIT.names[5:6], PLACES) == ["transit, south, 6 kn"]
+    assert family.merge_names([TRANSIT.names[0], TRANSIT.names[6]], PLACES) == ["transit (2)"]
 
 
 def test_shares_along_axes() -> None:
@@ -80,7 +80,7 @@ def test_shares_along_axes() -> None:
         InFamily(other, (1,)),
         None,
     ]
-    route, speed = family.along(places)
+    route, speed = family.axes_of_scenarios(places)
     assert route.axis == AXES[0]
     assert speed.axis.labels == (*AXES[1].labels, "2 kn")
     probability = np.array([[0.4, 0.3, 0.1, 0.15, 0.05], [0.0, 0.0, 0.0, 1.0, 0.0]])
@@ -89,11 +89,16 @@ def test_shares_along_axes() -> None:
         speed.shares(probability), [[0.3, 0.55, 0, 0, 0, 0.1], [0, 1, 0, 0, 0, 0]]
     )
     # all go by one route
-    assert family.along([InFamily(TRANSIT, (0, k)) for k in range(5)])[0].axis.name == "speed"
+    assert (
+        family.axes_of_scenarios([InFamily(TRANSIT, (0, k)) for k in range(5)])[0].axis.name
+        == "speed"
+    )
 
 
 def test_how_many_count() -> None:
-    assert family.effective(np.full(300, 1 / 300)) == pytest.approx(300)
-    assert family.effective(np.array([0.0, 1.0])) == 1
-    assert family.effective(np.array([0.5, 0.25, 0.25])) == pytest.approx(math.sqrt(2) * 2)
-    assert family.effective(np.zeros(3)) == 0
+    assert family.effective_scenarios(np.full(300, 1 / 300)) == pytest.approx(300)
+    assert family.effective_scenarios(np.array([0.0, 1.0])) == 1
+    assert family.effective_scenarios(np.array([0.5, 0.25, 0.25])) == pytest.approx(
+        math.sqrt(2) * 2
+    )
+    assert family.effective_scenarios(np.zeros(3)) == 0

@@ -45,7 +45,7 @@ def test_debris_drifts_however_its_object_moves(
     spec = replace(
         spec, scenarios=tuple(replace(s, model="steaming", motion=8.0) for s in spec.scenarios)
     )
-    forcing = Forcing([Sources({"current": (sources.constant("current", 1.0, 0.0),)})], 1)
+    forcing = Forcing([Sources({"current": (sources.constant_field("current", 1.0, 0.0),)})], 1)
     scene = Scene(
         forcing, (), kernel.Surroundings(kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31))
     )

@@ -77,7 +77,7 @@ def test_a_curve_is_as_wide_as_its_integral_on_both_sides() -> None:
         return float(np.interp(abs(x), law.ranges, law.chances, right=0.0))
 
     width = integrate.quad(chance, -1300, 1300, points=[-700, -250, 0, 250, 700])[0]
-    assert laws.swept(law) == pytest.approx(width, rel=1e-9)
+    assert laws.curve_sweep_width(law) == pytest.approx(width, rel=1e-9)
     # Few sweeps find what passes: at a spacing of two widths of the curve no point is seen twice.
     assert laws.pod(law, width / 2600) == pytest.approx(width / 2600, rel=1e-3)
     # At a spacing of 900 m a point is seen by up to three of them.

@@ -228,7 +228,7 @@ def test_evidence_of_one_story_of_many_updates_and_of_none(tmp_path, search, wor
     evidence_map.plot_evidence(
         Updates(("only",), np.ones(1), tuple(seen)), tmp_path / "seen.png", SETTING
     )
-    assert "How likely what it said was beforehand [%]" in words
+    assert "Probability of the report beforehand [%]" in words
     assert "Cumulative POS [%]" not in words
     assert "6 reports of sensors" in words
 

@@ -255,7 +255,7 @@ def test_planned_sorties_are_told_from_flown_ones(search):
         assert properties.get("status") == (
             wanted[properties["name"]] if properties["kind"] == "sortie" else None
         )
-    drawn = chapter.chapter(
+    drawn = chapter.search_bundle(
         chapter.SearchOutputs(mixed, (), None, Setting(Imprint("a plan"))), mapped=False
     ).leaves
     names = {
