@@ -100,7 +100,7 @@ def test_help_of_a_run_says_units_and_shapes() -> None:
     for words in (
         "memory limit of the run [GiB]",
         "(time, lat, lon)",
-        "threads of the CPU",
+        "CPU threads",
         "sources of the case with",
     ):
         assert words in shown

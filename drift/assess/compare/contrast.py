@@ -185,8 +185,8 @@ def _prepare_both(job_a: Job, job_b: Job) -> tuple[Start, Start, list[str]]:
     notes = []
     if a.clock.phase != b.clock.phase:
         notes.append(
-            "the forcing files of the two cases have different times, so their steps differ: the errors "
-            "of wind and current are not common to both, and standard errors are larger"
+            "the forcing files of the two cases have different times, so their steps differ: the "
+            "errors of wind and current are not common to both, and standard errors are larger"
         )
     return a, b, notes
 

@@ -87,8 +87,8 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
         ""
         if east.difference != east.difference
         else (
-            f"; mean of B from that of A: {east.difference / NMI:+.2f} ± {east.error / NMI:.2f} nmi east, "
-            f"{north.difference / NMI:+.2f} ± {north.error / NMI:.2f} nmi north"
+            f"; mean of B from that of A: {east.difference / NMI:+.2f} ± {east.error / NMI:.2f} "
+            f"nmi east, {north.difference / NMI:+.2f} ± {north.error / NMI:.2f} nmi north"
         )
     )
     areas = "; ".join(
@@ -103,7 +103,7 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
     )
     if set(found.given) != {"nothing"}:
         a, b = found.given
-        words = f"A and B given {a}" if a == b else f"A given {a}, B given {b}"
+        words = f"A and B weighted by {a}" if a == b else f"A weighted by {a}, B by {b}"
         on.figure.text(0.965, 0.865, words, fontsize=9, color=INK, ha="right")
     sheet.finish_page(on, path, setting.imprint)
 

@@ -26,7 +26,7 @@ def paired(a: Case, b: Case) -> tuple[Case, Case]:
         UserError: the cases are of different kinds, or their particles cannot pair.
     """
     _raise_for(b, "cannot be compared", _reasons_not_comparable(a, b))
-    _raise_for(b, f"cannot be held to the slots of {a.path.name}", _reasons_not_paired(a, b))
+    _raise_for(b, f"cannot run on the particles of {a.path.name}", _reasons_not_paired(a, b))
     b = replace(b, particles=a.particles, seed=a.seed, grid=a.grid, trajectories=a.trajectories)
     if a.spill and b.spill:
         counts = release.per_world(a.spill)
@@ -44,7 +44,7 @@ def paired(a: Case, b: Case) -> tuple[Case, Case]:
     ]
     _raise_for(
         b,
-        f"cannot be held to the slots of {a.path.name}",
+        f"cannot run on the particles of {a.path.name}",
         [
             f'scenario "{name}" has a weight, and no particle there; raise particles'
             for name in empty
@@ -68,7 +68,8 @@ def _reasons_not_comparable(a: Case, b: Case) -> list[str]:
         ways = {1: "forward", -1: "backward"}
         return [f"it runs {ways[b.direction]}, and {a.path.name} {ways[a.direction]}"]
     reasons = [
-        f"it {verb} at {notation.format_dtg(theirs)}, and {a.path.name} at {notation.format_dtg(own)}; make {key} equal"
+        f"it {verb} at {notation.format_dtg(theirs)}, and {a.path.name} at {notation.format_dtg(own)}; make "
+        f"{key} equal"
         for verb, key, own, theirs in (
             ("begins", "start", a.start, b.start),
             ("ends", "duration", a.end, b.end),
@@ -85,7 +86,8 @@ def _reasons_not_comparable(a: Case, b: Case) -> list[str]:
     if not reasons and (odd := _unshared_outputs(a, b)):
         reasons.append(
             f"only one of it and {a.path.name} has an output at {notation.format_dtg(odd[0])}"
-            f"{f' and at {len(odd) - 1} other times' if odd[1:] else ''}; make output.every or output.times equal"
+            f"{f' and at {len(odd) - 1} other times' if odd[1:] else ''}; make output.every or "
+            "output.times equal"
         )
     return reasons
 
@@ -109,10 +111,14 @@ def _reasons_not_paired(a: Case, b: Case) -> list[str]:
     if len(own) != len(theirs):
         groups = "classes of objects" if a.spill else "scenarios"
         return [
-            f"it has {len(theirs)} {groups}, and {a.path.name} {len(own)}, which share the particles; "
-            "scenarios pair by their order; give weight = 0 to one that should not count"
+            f"it has {len(theirs)} {groups}, and {a.path.name} {len(own)}, which share the "
+            "particles; scenarios pair by their order; give weight = 0 to one that should not "
+            "count"
             if not a.spill
-            else f"it has {len(theirs)} {groups}, and {a.path.name} {len(own)}, which share the particles of a world"
+            else (
+                f"it has {len(theirs)} {groups}, and {a.path.name} {len(own)}, which share the "
+                "particles of a world"
+            )
         ]
     rules = [(case.resampling.below > 0, case.resampling.method) for case in (a, b)]
     if rules[0] != rules[1] and "kahn" in {method for below, method in rules if below}:

@@ -32,8 +32,8 @@ class Contrast:
     def __repr__(self) -> str:
         """Return a short description."""
         return (
-            f'<Contrast "{self.title}"\n  {len(self.times)} outputs, {len(self.rows)} figures in differences, maps in data, '
-            "results in a and b>"
+            f'<Contrast "{self.title}"\n  {len(self.times)} outputs, {len(self.rows)} figures in '
+            "differences, maps in data, results in a and b>"
         )
 
     @property

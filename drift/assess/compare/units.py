@@ -78,7 +78,16 @@ def of_worlds(many: int) -> Units:
 
 
 def summed(unit: Array, values: Array, units: Units) -> Array:
-    """Return the sums of particle values (n,) by unit, (u,); unit: of each particle, (n,)."""
+    """Return the sums of particle values by unit, (u,).
+
+    Args:
+        unit: unit of each particle, (n,).
+        values: values of the particles, (n,).
+        units: the sampling units.
+
+    Returns:
+        Sums, (u,).
+    """
     return np.bincount(unit, values, units.size)
 
 

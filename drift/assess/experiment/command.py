@@ -76,7 +76,8 @@ def experiment(
     if tracking.is_one(name):
         if variants or figures:
             raise UserError(
-                "--with and --figure are for cases of drift run; a tracking case has [[method]] and [experiment]"
+                "--with and --figure are for cases of drift run; a tracking case has [[method]] "
+                "and [experiment]"
             )
         study = tracking.load(
             name, changes | ({} if runs is None else {"experiment.runs": str(runs)})

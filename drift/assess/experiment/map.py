@@ -27,7 +27,7 @@ DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)),
 
 
 def plot_experiment(found: Experiment, path: Path, imprint: Imprint) -> None:
-    """Draw an experiment into a PNG: errors over time of a tracking case, else every run's figures."""
+    """Draw an experiment into a PNG: errors over time of a tracking case, or each run's figures."""
     if found.tracking is None:
         _scatter(found, path, imprint)
     else:
@@ -53,7 +53,8 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
     sheet.write_head(
         on,
         imprint,
-        f"{found.runs:,} runs, each of {found.about}: dots are runs, bars the mean and two standard errors"
+        f"{found.runs:,} runs, each of {found.about}: dots are runs, bars the mean and two "
+        "standard errors"
         + (
             "; at the right the difference from the first, run by run"
             if len(found.ways) > 1
@@ -118,7 +119,9 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
     sheet.write_head(
         on,
         imprint,
-        f"{study.runs:,} runs of {study.size:,} particles, {outcome.sweeps:,} sweeps each: mean over the runs that hold a track, where half or more do; shaded one standard error either way",
+        f"{study.runs:,} runs of {study.size:,} particles, {outcome.sweeps:,} sweeps each: mean "
+        "over the runs that hold a track, where half or more do; shaded one standard error "
+        "either way",
     )
     styles = _styles(outcome, groups)
     symbols: list[tuple[Any, str]] = []
@@ -188,7 +191,7 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
         axes.set_ylim(0, 100)
         axes.set_xlabel("Minutes after the start", fontsize=9, color=INK)
     names = {name for figures in study.published.values() for name in figures}
-    for marker, some, what in (
+    for marker, some, statistic in (
         ("<", names - {f"median {MET}"}, "mean"),
         ("v", names & {f"median {MET}"}, "median"),
     ):
@@ -196,14 +199,14 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
             symbols.append(
                 (
                     axes.plot([], [], marker=marker, color=GREY, linestyle="none")[0],
-                    f"as published: the {what}",
+                    f"published {statistic}",
                 )
             )
     if np.isfinite(study.window[1]) or study.window[0] > 0:
         symbols.append(
             (
                 axes.axvspan(np.nan, np.nan, color="#e8eef4"),
-                "over which the figures of the table are averaged",
+                "time over which the table's figures are averaged",
             )
         )
     sheet.legend(
@@ -219,9 +222,7 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
 
 
 def _styles(outcome: Outcome, groups: list[list[int]]) -> list[tuple[str, Any]]:
-    """Return colour and dashes of each group: a colour for each behaviour, dashes for how its
-    clouds are filled.
-    """
+    """Return colour and dashes of each group: colour by behaviour, dashes within a behaviour."""
     laws = [outcome.study.methods[group[0]].behaviour for group in groups]
     known = list(dict.fromkeys(laws))
     return [

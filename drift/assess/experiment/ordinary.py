@@ -59,8 +59,8 @@ def run(
         )
     if seeded := [variant for variant, overrides in variants.items() if "seed" in overrides]:
         raise UserError(
-            f'--with "{seeded[0]}": all variants share their random numbers, so a variant cannot set '
-            "seed; give --seed"
+            f'--with "{seeded[0]}": all variants share their random numbers, so a variant cannot '
+            "set seed; give --seed"
         )
     first = case_file.load(name, changes)
     all_variants: dict[str, Mapping[str, str]] = {AS_IT_IS: {}, **variants}
@@ -134,7 +134,8 @@ def _found(
                 or list(numbers)[:NAMED]
             )
             raise UserError(
-                f'--figure "{path}": no such number in the summary of this case ({variant}); similar '
+                f'--figure "{path}": no such number in the summary of this case ({variant}); '
+                "similar "
                 f"ones: {', '.join(suggestions)}"
             )
         yield from matching.items()

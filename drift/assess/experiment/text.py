@@ -51,7 +51,7 @@ def experiment_facts(found: Experiment) -> Mapping[str, str]:
             words = " ".join([figure.name, *_mean_and_error(mean, error), figure.unit]).rstrip()
             if apart := difference(figure, group[0]):
                 words += f" ({apart})"
-            # the mean depends on a few slow runs, and is missing if one run never meets the criteria
+            # the mean depends on a few slow runs; it is undefined if a run never meets the criteria
             if figure.name == MET:
                 middle = figure.quantiles()[group[0], QUANTILES.index(0.5)]
                 median = (

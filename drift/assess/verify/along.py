@@ -143,18 +143,20 @@ def compared(
     notes = []
     if cut:
         notes.append(
-            f"{cut:,} displacements between fixes left out: longer than {gap / 3600:.3g} h, or leaps"
+            f"{cut:,} displacements between fixes left out: longer than {gap / 3600:.3g} h, or "
+            "leaps"
         )
     if without_forcing:
         notes.append(
-            f"{without_forcing:,} displacements between fixes left out: the forcing has no value there"
+            f"{without_forcing:,} displacements between fixes left out: the forcing has no value "
+            "there"
         )
     comparable = tuple(way for way in ways if not way.fresh.all())
     if not comparable:
         raise UserError(
-            f"--drifters: no two fixes at most {gap / 3600:.3g} h apart lie where {case.path.name} has "
-            f"forcing{f' ({notes[-1]})' if notes else ''}; check the times and places of its sources, or give "
-            "--columns"
+            f"--drifters: no two fixes at most {gap / 3600:.3g} h apart lie where "
+            f"{case.path.name} has forcing{f' ({notes[-1]})' if notes else ''}; check the times "
+            "and places of its sources, or give --columns"
         )
     return Comparison(comparable, tuple(notes))
 
@@ -221,8 +223,9 @@ def _sampled(
     environment = run_setup.open_for(over(case, tracks), datasets)
     if environment.members:
         raise UserError(
-            f"{case.path.name}: drifters are compared with one current and one wind, not with {len(environment.members)} members of an "
-            "ensemble: leave members out, and choose one by its index in variables"
+            f"{case.path.name}: drifters are compared with one current and one wind, not with "
+            f"{len(environment.members)} members of an ensemble: leave members out, and choose "
+            "one by its index in variables"
         )
     sources = environment.scenarios[0]
     forcing = Forcing([sources], 1)
@@ -307,17 +310,19 @@ def check_case(case: Case, columns: Mapping[str, str]) -> None:
             spec.name == case_file.ALONG for spec in specs
         ):
             raise UserError(
-                f"{case.path.name}: was loaded with along = {quantity}, but no columns for it were given; give "
-                f"{quantity}_east and {quantity}_north, or give the case a source"
+                f"{case.path.name}: was loaded with along = {quantity}, but no columns for it "
+                f"were given; give {quantity}_east and {quantity}_north, or give the case a source"
             )
-    for scenario in case.scenarios:
+    for case_scenario in case.scenarios:
         motion = (
-            scenario.motion.path.name if isinstance(scenario.motion, OwnMotion) else scenario.model
+            case_scenario.motion.path.name
+            if isinstance(case_scenario.motion, OwnMotion)
+            else case_scenario.model
         )
         if motion != "drift":
             raise UserError(
-                f'{case.path.name}: scenario "{scenario.name}" has motion = "{motion}"; drifters can only be '
-                'compared with motion = "drift"'
+                f'{case.path.name}: scenario "{case_scenario.name}" has motion = "{motion}"; '
+                'drifters can only be compared with motion = "drift"'
             )
 
 
@@ -330,12 +335,14 @@ def scenario(case: Case) -> Mapping[str, Any]:
     tables: list[Mapping[str, Any]] = list(case.tables.get("scenario", ()))
     if not tables:
         raise UserError(
-            f"{case.path.name}: has a [spill]; drifters are compared with a case of one [[scenario]]"
+            f"{case.path.name}: has a [spill]; drifters are compared with a case of one "
+            "[[scenario]]"
         )
     sources_of = [{key: table.get(key) for key in ("object", *_keys())} for table in tables]
     if any(sources != sources_of[0] for sources in sources_of):
         raise UserError(
-            f"{case.path.name}: its scenarios drift as different objects, or in different sources; give a case with "
-            "the one [[scenario]] that the drifters are to be compared with"
+            f"{case.path.name}: its scenarios drift as different objects, or in different "
+            "sources; give a case with the one [[scenario]] that the drifters are to be compared "
+            "with"
         )
     return tables[0]

@@ -99,9 +99,14 @@ def _steps(std: Array, memory: Array, step: Array) -> tuple[Array, Array, Array,
 
 
 def spread(law: Law, step: npt.ArrayLike) -> Array:
-    """Return the variance [m2] of one component of the error over steps [s], (n,).
+    """Return the variance [m2] of one component of the error over steps between two fixes.
 
-    The errors of both fixes are included.
+    Args:
+        law: error law of the component.
+        step: time between the fixes [s], any shape.
+
+    Returns:
+        Variances, with the errors of both fixes, of the shape of `step`.
     """
     step = np.asarray(step, np.float64)
     a = step / law.time
@@ -111,10 +116,17 @@ def spread(law: Law, step: npt.ArrayLike) -> Array:
 
 
 def correlation(law: Law, lag: npt.ArrayLike, span: float) -> Array:
-    """Return the covariance [m2/s2] of mean velocity errors over two spans [s].
+    """Return the covariance [m2/s2] of mean velocity errors over two spans.
 
-    The spans begin `lag` [s] apart, which is at least their length. Errors of the fixes are left
-    out, because two spans share a fix only if they touch.
+    Errors of the fixes are left out, because two spans share a fix only if they touch.
+
+    Args:
+        law: error law of a component.
+        lag: time from the start of one span to that of the other [s], at least `span`.
+        span: duration of both spans [s].
+
+    Returns:
+        Covariances, of the shape of `lag`.
     """
     lag, a = np.asarray(lag, np.float64), span / law.time
     within = (2 * np.sinh(a / 2) / a) ** 2 if a > SMALL else 1 + a**2 / 12

@@ -93,9 +93,10 @@ def _before_the_shore(
     ]
     if left := sum(keep.size - own.size for keep, own in zip(afloat, kept, strict=True)):
         notes.append(
-            f"{left:,} fixes left out: their drifter had come within {float(np.median(reach)) / 1000:.2g} km of the shore, which it "
-            "could drift before the next fix. Tracks that lead ashore are cut short there, so the remaining ones lean offshore "
-            '(coast.source = "none" keeps these fixes)'
+            f"{left:,} fixes left out: their drifter had come within "
+            f"{float(np.median(reach)) / 1000:.2g} km of the shore, near enough to run aground "
+            "before the next fix. Using them would lean the errors offshore, because the shore cuts "
+            'tracks that lead ashore short (coast.source = "none" keeps these fixes)'
         )
     return kept
 

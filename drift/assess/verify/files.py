@@ -15,8 +15,8 @@ from geo.array import Array
 Variable = tuple[tuple[str, ...], Array, dict[str, str]]  # dimensions, values and attributes
 
 SUMMARY = (
-    "Forecasts of real drifters from many starts, compared with their tracks: separation, spread, areas that held them, "
-    "ranks and skill."
+    "Forecasts of real drifters from many starts, compared with their tracks: separation, spread, "
+    "areas that held them, ranks and skill."
 )
 
 

@@ -48,7 +48,10 @@ STEP = 0.05  # step of a logarithm for second derivatives
 SLOPE = 1e-5  # step of a logarithm for first derivatives
 # log likelihood below the best at a one-sided limit of 95 %
 LIMIT = 0.5 * float(stats.chi2.ppf(0.90, 1))
-ONE_WIND = "windage is not determined: in a wind that is always the same, or none, it cannot be distinguished from the mean error"
+ONE_WIND = (
+    "windage is not determined: in a wind that is always the same, or none, it cannot be "
+    "distinguished from the mean error"
+)
 LAGS = np.array([1.0, 3.0, 6.0, 12.0, 24.0, 48.0])  # [h]
 
 
@@ -185,8 +188,8 @@ def fitted_errors(
     if tracks.increments < FEWEST:
         reasons = f" ({'; '.join(notes)})" if notes else ""
         raise UserError(
-            f"--drifters: {tracks.increments} displacements between fixes are too few to fit {len(NAMES)} "
-            f"parameters; give {FEWEST} or more{reasons}"
+            f"--drifters: {tracks.increments} displacements between fixes are too few to fit "
+            f"{len(NAMES)} parameters; give {FEWEST} or more{reasons}"
         )
     if wind and not _wind_varies(tracks):
         return fitted_errors(ways, False, (*notes, ONE_WIND), held_out=held_out)
@@ -252,8 +255,8 @@ def _held_out(ways: Sequence[Ways], wind: bool) -> Held:
         < FEWEST
     ):
         raise UserError(
-            f"--hold-out: {halves.how} have fewer than {FEWEST} displacements between fixes; leave "
-            "--hold-out out, or give more tracks"
+            f"--hold-out: {halves.how} have fewer than {FEWEST} displacements between fixes; omit "
+            "--hold-out, or give more tracks"
         )
     law, best = likeliest(along.residuals(halves.fitted, wind), _free(halves.fitted))
     return hold_out.tested(law, best, halves, wind)

@@ -22,7 +22,10 @@ def fitting_facts(fit: Fit) -> Facts:
     """Return lines, by name, on the fitted parameters, their errors, and the hold-out check."""
     several = len(fit.names) > 1
     lines = {
-        "drifters": f"{len(fit.names)}, {fit.increments:,} displacements between fixes; log likelihood {fit.log:.1f}",
+        "drifters": (
+            f"{len(fit.names)}, {fit.increments:,} displacements between fixes; log likelihood "
+            f"{fit.log:.1f}"
+        ),
         "standard errors": "the larger of the likelihood's curvature and of that clustered by drifter"
         if fit.clustered
         else "from the curvature of the likelihood: drifters are too few to cluster by",
@@ -48,8 +51,9 @@ def fitting_facts(fit: Fit) -> Facts:
         )
     if misfits := [f"{lag:g}" for lag, data, _, law in fit.correlation if abs(data - law) > MISFIT]:
         lines["the model does not fit"] = (
-            f"errors {', '.join(misfits)} h apart are not correlated like an exponential decay, perhaps by "
-            "tides or inertial motion that the forcing lacks; areas are too small or too large at such times"
+            f"errors {', '.join(misfits)} h apart are not correlated like an exponential decay, "
+            "perhaps by tides or inertial motion that the forcing lacks; areas are too small or "
+            "too large at such times"
         )
     if fit.held is not None:
         held = fit.held
@@ -69,8 +73,8 @@ def _coverage(share: float, held: Estimate) -> str:
     few = ", few days: rough" if held.few else ""
     independent = math.sqrt(share * (1 - share) / held.count)
     return (
-        f"held {100 * held.mean:.0f} % ± {100 * held.error:.0f} of {held.count}{few} (independent ones: "
-        f"± {100 * independent:.0f})"
+        f"held {100 * held.mean:.0f} % ± {100 * held.error:.0f} of {held.count}{few} (independent "
+        f"ones: ± {100 * independent:.0f})"
     )
 
 
@@ -97,7 +101,8 @@ def toml(fit: Fit) -> str:
     if bias >= 5e-4:
         parts.append(f'bias = "{bias:.3f} m/s"')
     lines = [
-        f"[uncertainty]  # fitted to {count} drifter{'s' if count > 1 else ''}, {fit.increments:,} displacements between fixes",
+        f"[uncertainty]  # fitted to {count} drifter{'s' if count > 1 else ''}, "
+        f"{fit.increments:,} displacements between fixes",
         f"current = {{ {', '.join(parts)} }}",
     ]
     walk = fit.parameters["diffusivity"]
@@ -117,7 +122,8 @@ def toml(fit: Fit) -> str:
         )
         lines += [
             "",
-            f"# The model's mean error is in the bias. To take it out, {remedy}, and add this source:",
+            f"# The model's mean error is in the bias. To take it out, {remedy}, and add this "
+            "source:",
             "# [[current]]",
             '# name = "mean error of the model"',
             f"# constant = {{ east = {fit.mean[0]:.3f}, north = {fit.mean[1]:.3f} }}",

@@ -101,9 +101,17 @@ def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:
 def coverage(law: Law, ways: Sequence[Ways], excess: Array) -> tuple[Coverage, ...]:
     """Return the coverage of consecutive displacements over each of LEADS.
 
-    excess: how far the drifters went beyond the model since the start of each stretch [m],
-    (drifters, fixes, 2). The ellipse of a bivariate normal with equal variances holds a share p
-    within -2 log(1 - p) variances.
+    The ellipse of a bivariate normal with equal variances holds a share p within -2 log(1 - p)
+    variances.
+
+    Args:
+        law: the error law under test.
+        ways: held-out displacements of the drifters.
+        excess: how far the drifters went beyond the model since the start of each stretch [m],
+            (drifters, fixes, 2).
+
+    Returns:
+        The coverage for each lead and each of SHARES.
     """
     result = []
     for hours in LEADS:

@@ -33,7 +33,10 @@ def plot_verification(result: Verification, path: Path, imprint: Imprint) -> Non
     """Draw a verification into a PNG."""
     on = sheet.begin_page(SHEET)
     figure, doubt = on.figure, verification_text.doubt(result)
-    about = f"forecasts: {verification_text.verification_facts(result)['forecasts']}{f'; {doubt}' if doubt else ''}"
+    about = (
+        "forecasts: "
+        f"{verification_text.verification_facts(result)['forecasts']}{f'; {doubt}' if doubt else ''}"
+    )
     sheet.write_head(on, imprint, verification_text.headline(result), about)
     _distances(figure.add_axes((0.07, 0.5, 0.40, 0.33)), result)
     _held(figure.add_axes((0.56, 0.5, 0.40, 0.33)), result)

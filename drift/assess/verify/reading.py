@@ -134,8 +134,8 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     columns = {role: index for role, index in positions.items() if index is not None}
     if missing_key := next((role for role in positions if role not in columns), None):
         raise ValueError(
-            f"no column of {missing_key}; its columns are {', '.join(header)[:200]}; one must be called "
-            f"{', '.join(NAMES[missing_key][:4])}"
+            f"no column of {missing_key}; its columns are {', '.join(header)[:200]}; one must be "
+            f"called {', '.join(NAMES[missing_key][:4])}"
         )
     names = [name.strip() for name in header]
     if missing := [name for name in wanted if name not in names]:
@@ -181,8 +181,8 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
         if not np.isfinite(values).any():
             title, first = header[columns[role]], rows[0][columns[role]]
             raise ValueError(
-                f'no row has a number in its column of {role}, "{title}": the first has "{first[:40]}"; '
-                "write degrees like -5.5"
+                f'no row has a number in its column of {role}, "{title}": the first has '
+                f'"{first[:40]}"; write degrees like -5.5'
             )
     others = {name: _numbers((row[names.index(name)] for row in rows), comma) for name in wanted}
     track = Track(path.stem, time, lon, lat, others)
@@ -261,7 +261,8 @@ def _moment(text: str) -> float:
         return float(moment.astype(np.int64)) / 1e6 + shift
     if AMBIGUOUS.match(bare):
         raise ValueError(
-            f'time "{text}" can be read in two ways (day or month first); write it like 2021-03-03T18:00:00Z'
+            f'time "{text}" can be read in two ways (day or month first); write it like '
+            "2021-03-03T18:00:00Z"
         )
     for form in OTHER_FORMS:
         try:
@@ -297,7 +298,8 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
     variables = {role: _variable(data, role) for role in ("time", "lon", "lat")}
     if missing := [name for name in wanted if name not in data.variables]:
         raise ValueError(
-            f'--columns: no variable "{missing[0]}"; there are {", ".join(map(str, data.variables))[:300]}'
+            f'--columns: no variable "{missing[0]}"; there are '
+            f"{', '.join(map(str, data.variables))[:300]}"
         )
     lon = data[variables["lon"]]
     names = _names(data)
@@ -323,7 +325,8 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
             rows = np.repeat(np.arange(sizes.size), sizes.values.astype(int))
             if rows.size != lon.size:
                 raise ValueError(
-                    f"its tracks have {rows.size:,} fixes by their lengths, and {lon.size:,} by their positions"
+                    f"its tracks have {rows.size:,} fixes by their lengths, and {lon.size:,} by "
+                    "their positions"
                 )
         elif index is not None:
             rows = index.values.astype(int)
@@ -342,7 +345,8 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
         for role, column in columns.items():
             if column.shape not in (shape, shape[1:]):
                 raise ValueError(
-                    f"{role} has the shape {column.shape}, positions have {shape}: these do not match"
+                    f"{role} has the shape {column.shape}, positions have {shape}: these do not "
+                    "match"
                 )
             values = _seconds(column) if role == "time" else _floats(column)
             flat[role] = np.broadcast_to(values, shape).ravel()
@@ -354,7 +358,8 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
         )
     else:
         raise ValueError(
-            f"positions have {lon.ndim} dimensions; tracks have one (one after another) or two (trajectory, obs)"
+            f"positions have {lon.ndim} dimensions; tracks have one (one after another) or two "
+            "(trajectory, obs)"
         )
     if names is None or names.size <= rows.max(initial=-1):
         track_names = np.array(

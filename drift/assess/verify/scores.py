@@ -63,7 +63,15 @@ def containment(x: Array, y: Array, weight: Array) -> float:
 
 
 def rank(values: Array, weight: Array) -> float:
-    """Return the share of the probability below zero, the drifter's own value; ties count half."""
+    """Return the share of the probability below zero, the drifter's own value; ties count half.
+
+    Args:
+        values: of the particles, relative to the drifter's, (n,).
+        weight: probabilities of the particles, (n,).
+
+    Returns:
+        The rank, 0 to 1.
+    """
     total = weight.sum() + weight.mean()
     return float(
         (weight[values < 0].sum() + (weight[values == 0].sum() + weight.mean()) / 2) / total
@@ -71,10 +79,16 @@ def rank(values: Array, weight: Array) -> float:
 
 
 def skill(apart: Array, way: Array) -> float:
-    """Return the skill of a track: 1 minus the sum of separations over that of path lengths, >= 0.
+    """Return the skill of a track: 1 minus the sum of separations over that of path lengths.
 
-    apart, way: separations and path lengths since the start [m], at evenly spaced times, (m,). Liu
-    and Weisberg 2011, doi:10.1029/2010JC006837, eq. 1 and 2 with n = 1.
+    Liu and Weisberg 2011, doi:10.1029/2010JC006837, eq. 1 and 2 with n = 1.
+
+    Args:
+        apart: separations of forecast and drifter [m] at evenly spaced times after the start, (m,).
+        way: path lengths of the drifter since the start [m] at these times, (m,).
+
+    Returns:
+        The skill, 0 to 1.
     """
     total = float(way.sum())
     return max(0.0, 1 - float(apart.sum()) / total) if total > 0 else 0.0

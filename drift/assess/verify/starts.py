@@ -34,9 +34,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Stranded:
-    """The tracks of drifters, and which of their fixes are aground on the case's shore or have
-    stopped elsewhere.
-    """
+    """Tracks of drifters, with fixes aground on the case's shore and fixes stopped elsewhere."""
 
     tracks: tuple[Track, ...]
     ashore: tuple[Array, ...]  # of each track, (n,)
@@ -83,7 +81,8 @@ class LeftOut:
             (
                 self.stopped,
                 "the drifter stops before the end where the case has no shore within "
-                f"{grounding.NEAR / 1000:g} km: moored, caught or aboard, or [coast] lacks its shore",
+                f"{grounding.NEAR / 1000:g} km: moored, caught or aboard, or [coast] lacks its "
+                "shore",
             ),
         )
         return [f"{count} starts left out: {reason}" for count, reason in words if count]
@@ -92,8 +91,9 @@ class LeftOut:
         if not self.ended_near:
             return ""
         return (
-            f", {self.ended_near} of them within {grounding.NEAR / 1000:g} km of the shore: if those drifters ran "
-            "aground there, the shares held are biased without them; --ends-aground scores them there"
+            f", {self.ended_near} of them within {grounding.NEAR / 1000:g} km of the shore: if "
+            "those drifters ran aground there, the shares held are biased without them; "
+            "--ends-aground scores them there"
         )
 
 
@@ -230,8 +230,8 @@ def known_starts(
     notes += left.notes(gap)
     if not found:
         raise UserError(
-            f"--drifters: no drifter can be followed for {length / 3600:g} h without a gap of more than "
-            f"{gap / 3600:.3g} h ({'; '.join(notes) or 'their tracks are shorter'}); give fewer --hours, or a longer "
-            "--max-gap"
+            f"--drifters: no drifter can be followed for {length / 3600:g} h without a gap of "
+            f"more than {gap / 3600:.3g} h ({'; '.join(notes) or 'their tracks are shorter'}); "
+            "give fewer --hours, or a longer --max-gap"
         )
     return found, left.counts()

@@ -19,11 +19,20 @@ MOST_LOST = 0.05  # if a larger share of the probability is lost, areas of the r
 def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
     """Return whether areas of a stated share are too small, too large, or as stated.
 
-    They are as stated within two standard errors. lost: share of the probability that is not
-    mapped; if it is large, areas of the rest cannot be judged.
+    Args:
+        share: stated share of the areas, 0 to 1.
+        held: share of drifters that the areas held, with its standard error.
+        lost: share of the probability that is not mapped; if it is large, areas of the rest cannot
+            be judged.
+
+    Returns:
+        The verdict in words: as stated means within two standard errors.
     """
     if lost > MOST_LOST:
-        return f"not to be judged, as {notation.percent(lost, 0)} of the probability left the forcing; add a source beyond its edges"
+        return (
+            f"not to be judged, as {notation.percent(lost, 0)} of the probability left the "
+            "forcing; add a source beyond its edges"
+        )
     if not math.isfinite(held.error):
         return "too few forecasts to judge"
     if held.mean < share - 2 * held.error:
@@ -39,8 +48,8 @@ def sentence(result: Verification, lead: int, share: float) -> str:
     """Return as a sentence how often the area of a share held the drifter at a lead (index)."""
     held = result.held(lead, share)
     return (
-        f"after {result.leads[lead]:g} h the {100 * share:.0f} % area held {percent(held)} of {held.count} positions: "
-        f"{verdict(share, held, float(result.lost.mean()))}"
+        f"after {result.leads[lead]:g} h the {100 * share:.0f} % area held {percent(held)} of "
+        f"{held.count} positions: {verdict(share, held, float(result.lost.mean()))}"
     )
 
 
@@ -50,7 +59,7 @@ def percent(held: Estimate) -> str:
 
 
 def _more(error: float, digits: int, scale: float = 1.0) -> str:
-    """Return "± error" to follow its mean, "" if the error is not finite; scale: the unit in SI."""
+    """Return "± error" to follow a mean; "" if the error is not finite; scale: the unit in SI."""
     return f" ± {error / scale:.{digits}f}" if math.isfinite(error) else ""
 
 
@@ -80,10 +89,10 @@ def verification_facts(result: Verification) -> Facts:
         apart = result.apart[:, column]
         separation, persistence = result.mean(apart), result.mean(result.waiting[:, column])
         lines[f"after {hours:g} h, apart"] = (
-            f"{separation.mean / NMI:.1f}{_more(separation.error, 1, NMI)} nmi, median {np.median(apart) / NMI:.1f}; "
-            f"staying put {persistence.mean / NMI:.1f}{_more(persistence.error, 1, NMI)}; "
-            f"root mean square {_rms(apart) / NMI:.1f}, "
-            f"of the particles {_rms(result.spread[:, column]) / NMI:.1f}"
+            f"{separation.mean / NMI:.1f}{_more(separation.error, 1, NMI)} nmi, median "
+            f"{np.median(apart) / NMI:.1f}; staying put "
+            f"{persistence.mean / NMI:.1f}{_more(persistence.error, 1, NMI)}; root mean square "
+            f"{_rms(apart) / NMI:.1f}, of the particles {_rms(result.spread[:, column]) / NMI:.1f}"
         )
         lines[f"after {hours:g} h, held"] = ", ".join(
             f"{100 * share:.0f} % area {percent(result.held(lead, share))}"
@@ -125,7 +134,8 @@ def _aground(result: Verification, column: int) -> str:
     if not result.aground.any() or result.case.coast.behaviour != "strand":
         return ""
     drifters = result.mean(result.aground[:, column], share=True)
-    return f"{percent(drifters)} of the drifters; {100 * float(result.ashore[:, column].mean()):.0f} % of the particles"
+    particles = 100 * float(result.ashore[:, column].mean())
+    return f"{percent(drifters)} of the drifters; {particles:.0f} % of the particles"
 
 
 def left_out(result: Verification) -> str:

@@ -191,7 +191,8 @@ def verify(
     if len(kept) < len(cases):
         left_out["columns without a value"] = len(cases) - len(kept)
         notes.append(
-            f"{len(cases) - len(kept)} starts left out: the columns named have no value at the drifter"
+            f"{len(cases) - len(kept)} starts left out: the columns named have no value at the "
+            "drifter"
         )
     if not kept:
         raise UserError("--columns: the columns named have no value at any drifter")
@@ -416,11 +417,15 @@ def _aground_notes(rows: Sequence[_Scores], stranded: Stranded) -> Iterator[str]
         words = drifter_records.words_for_spells(
             [stranded.tracks[k] for k in drifters], [stranded.ashore[k] for k in drifters]
         )
-        yield f"{count} forecasts whose drifters run aground; these are scored where they lie, like particles ashore: {words}"
+        yield (
+            f"{count} forecasts whose drifters run aground; these are scored where they lie, like "
+            f"particles ashore: {words}"
+        )
         if len(rows) > len({row.track for row in rows}):
             yield (
-                "a drifter's later starts imply that it is still afloat, so its errors lean offshore compared with "
-                "the particles'; with --every longer than the tracks each drifter has one start"
+                "a drifter's later starts imply that it is still afloat, so its errors lean "
+                "offshore compared with the particles'; with --every longer than the tracks each "
+                "drifter has one start"
             )
 
 
@@ -430,8 +435,8 @@ def _lost_notes(case: Case, rows: Sequence[_Scores], rejected: Sequence[str]) ->
         yield f"{len(rejected)} forecasts rejected; the first: {rejected[0]}"
     if many_lost := sum(row.lost > case.max_lost for row in rows):
         yield (
-            f"{many_lost} forecasts lost more than {case.max_lost:.0%} of their probability to the edges of the "
-            "forcing (max_lost); their areas are shares of the rest"
+            f"{many_lost} forecasts lost more than {case.max_lost:.0%} of their probability to "
+            "the edges of the forcing (max_lost); their areas are shares of the rest"
         )
 
 

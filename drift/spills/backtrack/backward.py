@@ -145,7 +145,7 @@ def backward(
     spill: Spill,
     spec: EnsembleSpec,
     clock_spec: ClockSpec,
-    where: Environment,
+    environment: Environment,
     segments: Segments | None,
     stretch: Sequence[int],
     resolution: Resolution = Resolution(),
@@ -157,7 +157,7 @@ def backward(
         spill: the spill with its finds.
         spec: ensemble of the forward run.
         clock_spec: step and scheme of the run.
-        where: forcing and coast.
+        environment: forcing and coast.
         segments: stretches of coast; None if all finds are at sea.
         stretch: segment of each find (drift.spills.worlds.evidence.stretch_of_find), -1 at sea.
         resolution: numbers of worlds, particles, cells and times.
@@ -170,13 +170,13 @@ def backward(
         UserError: there are no finds, or no release that is allowed leads to them.
     """
     if not spill.finds:
-        raise UserError("no finds: nothing says where the spill came from; add a [[find]]")
+        raise UserError("no finds, so the origin cannot be estimated; add a [[find]]")
     rng = noise.generator(spec.seed, Purpose.BACKWARD_PLACES)
-    is_land = partial(shoreline.is_land, where.coast) if where.coast else _nowhere
+    is_land = partial(shoreline.is_land, environment.coast) if environment.coast else _nowhere
     prior_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_PRIOR)
     grid = _prior_grid(spill, prior_seed, is_land, resolution)
     world_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_WORLDS)
-    members = len(where.members)
+    members = len(environment.members)
     # round up, so that all members have the same number of worlds
     count = -(-resolution.worlds // members) * members if members else resolution.worlds
     worlds = drawn_worlds.draw_worlds(spill, world_seed, is_land, count=count, members=members)
@@ -185,22 +185,23 @@ def backward(
     elapsed = notation.epoch(latest) - adrift  # [s] from the last find back to each release
     if elapsed.max() <= 0:
         raise UserError(
-            f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time"
+            f"all finds are older than any release: the last one is of {latest} UTC; check "
+            "[spill] time"
         )
     backward_spec = replace(spec, period=Period(latest, latest - elapsed.max() * SECOND, -1))
-    beaches = Beaches(where.coast, segments, stretch)
+    beaches = Beaches(environment.coast, segments, stretch)
     ensemble, groups = tracks.begin(backward_spec, spill, worlds, beaches, resolution.per_find, rng)
-    forcing = Forcing(list(where.scenarios), -1)
+    forcing = Forcing(list(environment.scenarios), -1)
     try:
-        shore = device_coast.upload(where.coast) if where.coast else None
-        bias, box = spill.current_bias > 0, domain.binary(where.box)
-        polar = domain.is_polar(where.box)
+        shore = device_coast.upload(environment.coast) if environment.coast else None
+        bias, box = spill.current_bias > 0, domain.binary(environment.box)
+        polar = domain.is_polar(environment.box)
         surroundings = advance.Surroundings(
             box, shore, bias=bias, divergence=True, scheme=clock_spec.scheme, polar=polar
         )
         scene = Scene(forcing, models.motions(spec.errors, spec.scenarios), surroundings)
         clock, _ = step_size.clock_of(
-            backward_spec.period, clock_spec, spec.errors, where.sources, ensemble, scene
+            backward_spec.period, clock_spec, spec.errors, environment.sources, ensemble, scene
         )
         order = np.flatnonzero(elapsed > 0)[::-1]  # a run backward meets the latest release first
         moments = simulate.run(ensemble, scene, clock, elapsed[order], progress)
@@ -389,15 +390,16 @@ def _posterior(spill: Spill, grid: _Grid, worlds: int, by_time: Iterator[_Slice]
     for find, mass in zip(spill.finds, find_mass, strict=True):
         if mass <= 0 and find.false == 0:
             raise UserError(
-                f"{find.name}: no release that [spill] allows leads there ({len(slices)} release times were "
-                "tried); check its place and time, widen the release, or make [domain] larger"
+                f"{find.name}: no release that [spill] allows leads there ({len(slices)} release "
+                "times were tried); check its place and time, widen the release, or make "
+                "[domain] larger"
             )
     top = max(s.log_scale for s in slices)
     if not np.isfinite(top):
         raise UserError(
-            "the finds exclude each other: each could come from a release that [spill] allows, but no release leads to "
-            "all of them; check their times, raise windage_bias or current_bias, or set `false` to a probability for "
-            "the odd one"
+            "the finds exclude each other: each could come from a release that [spill] allows, "
+            "but no release leads to all of them; check their times, raise windage_bias or "
+            "current_bias, or set `false` to a probability for the odd one"
         )
     probability, sums = np.zeros(grid.prior.shape), np.zeros((worlds, 4))
     time0 = int(grid.time[0])
@@ -468,8 +470,9 @@ def information(origin: Origin) -> float:
 def nothing_new(origin: Origin) -> str:
     """Return the warning that the finds hardly change the prior."""
     return (
-        f"the finds add next to no information on the release ({information(origin):.2f} bit): place and time are "
-        "those that [spill] gives, and no result of the finds; give a wider area, or more finds"
+        f"the finds add next to no information on the release ({information(origin):.2f} bit): "
+        "place and time are those that [spill] gives, and no result of the finds; give a wider "
+        "area, or more finds"
     )
 
 
@@ -500,7 +503,10 @@ def dataset(origin: Origin) -> xr.Dataset:
         },
         {
             "title": "Release of a spill, proposed by tracks back from its finds",
-            "summary": "Where and when a spill may have been released, by cells and times: before and after its finds.",
+            "summary": (
+                "Where and when a spill may have been released, by cells and times: before and "
+                "after its finds."
+            ),
             "comment": "rough backtrack; confirm with a forward run",
             "worlds": origin.worlds,
             "effective_worlds": origin.effective,

@@ -31,7 +31,7 @@ from geo import notation
 from geo.array import Array
 
 CAVEAT = (
-    "Backward: proposes where to look; objects not found are left out. "
+    "Backtrack: proposes where to look; objects not found are not used. "
     "The answer is a forward run with this release as its prior, weighted by all finds."
 )
 LINES = layers.lines((0.5, 0.9))
@@ -265,7 +265,7 @@ def _times(figure: Figure, origin: Origin) -> None:
     seconds = notation.epochs(origin.time)
     step = float(seconds[1] - seconds[0])
     posterior, prior = (
-        100 * chance.sum(axis=(1, 2)) for chance in (origin.probability, origin.prior)
+        100 * probability.sum(axis=(1, 2)) for probability in (origin.probability, origin.prior)
     )
     ax.stairs(
         prior,
@@ -309,7 +309,7 @@ def _times(figure: Figure, origin: Origin) -> None:
     sheet.legend(
         figure,
         [
-            (Patch(**BY_FINDS), "by the finds"),
+            (Patch(**BY_FINDS), "after the finds"),
             (Patch(**BY_PRIOR), "prior"),
             (middle, "10 - 50 - 90 %"),
         ],

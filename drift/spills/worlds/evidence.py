@@ -52,6 +52,16 @@ def build_evidence(
 ) -> finds.Known:
     """Return the finds and patrols of a spill, on stretches and in seconds after the start.
 
+    Args:
+        period: period of the run.
+        spill: the spill.
+        segments: stretches of coast.
+        coast: the coast.
+        worlds: the worlds, with their factors on reporting rates.
+
+    Returns:
+        The evidence for drift.spills.worlds.finds.
+
     Raises:
         UserError: a find or a patrol has an impossible place.
     """
@@ -125,14 +135,18 @@ def _number_priors(spill: Spill) -> finds.Numbers:
 
 
 def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
-    """Return the rate at which an object on each stretch is reported [1/s], by kind of shore."""
+    """Return the reporting rate of an object on each stretch [1/s], (S,), by kind of shore.
+
+    Raises:
+        UserError: a kind of shore has no rate.
+    """
     kinds = [kind or reporting.coast for kind in segments.access]
     for kind, name in zip(kinds, segments.name, strict=True):
         if kind not in reporting.rate:
             rated = ", ".join(reporting.rate)
             raise UserError(
                 f'stretch "{name}": its kind of shore "{kind}" has no reporting rate; '
-                f"[spill.reporting] rate knows {rated}"
+                f"[spill.reporting] rate has {rated}"
             )
     return np.array([reporting.rate[kind] for kind in kinds])
 
@@ -150,29 +164,42 @@ def stretch_of_find(find: Find, segments: Segments, coast: Coast) -> int:
     if find.at_sea:
         if land:
             raise UserError(
-                f"{find.name}: {notation.stated_position(find.lon, find.lat)} is not at sea but on land; "
-                "leave out at_sea, or move it"
+                f"{find.name}: {notation.stated_position(find.lon, find.lat)} is not at sea but "
+                "on land; leave out at_sea, or move it"
             )
         return -1
     near = shoreline.nearest_coast(coast, find.lon, find.lat)
     if near is None:
         raise UserError(
-            f"{find.name}: {notation.stated_position(find.lon, find.lat)} lies far from any coast of the domain; move it, or "
-            "widen [domain]"
+            f"{find.name}: {notation.stated_position(find.lon, find.lat)} lies far from any coast "
+            "of the domain; move it, or widen [domain]"
         )
     if near[2] > FARTHEST:
         where = "inland" if land else "off the coast"
         cure = "move it" if land else "move it, or say at_sea = true"
         raise UserError(
-            f"{find.name}: {notation.stated_position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest "
-            f"coast is at {notation.position(near[0], near[1])}, and a find ashore lies within "
+            f"{find.name}: {notation.stated_position(find.lon, find.lat)} lies "
+            f"{near[2] / 1000:.1f} km {where}; the nearest coast is at "
+            f"{notation.position(near[0], near[1])}, and a find ashore must lie within "
             f"{FARTHEST / 1000:.0f} km of it; {cure}"
         )
     return stretches.nearest_segment(segments, coast, find.lon, find.lat)[0]
 
 
 def named(name: str, place: str, segments: Segments) -> int:
-    """Return the number of a stretch by its name, its id or its number."""
+    """Return the number of a stretch by its name, its id or its number.
+
+    Args:
+        name: name, id or number of the stretch.
+        place: what refers to the stretch, for the message.
+        segments: stretches of coast.
+
+    Returns:
+        The number of the stretch.
+
+    Raises:
+        UserError: there is no such stretch.
+    """
     import difflib
 
     if name in segments.name:
@@ -193,6 +220,9 @@ def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
     """Return the stretches that a patrol searched.
 
     They are those named, or those beside the straight line between the patrol's ends.
+
+    Raises:
+        UserError: there are none, or a name is unknown.
     """
     if patrol.ends is None:
         return [named(name, f'patrol "{patrol.name}"', segments) for name in patrol.stretches]
@@ -204,7 +234,8 @@ def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
     chosen = np.flatnonzero(shapely.distance(line, shapely.points(x, y)) < ABREAST)
     if not chosen.size:
         raise UserError(
-            f'patrol "{patrol.name}": no stretch has its middle within {ABREAST / 1000:.0f} km of the line between its '
-            f"ends at {notation.format_dtg(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
+            f'patrol "{patrol.name}": no stretch has its middle within {ABREAST / 1000:.0f} km of '
+            f"the line between its ends at {notation.format_dtg(patrol.time)}; name stretches, or make "
+            "them shorter ([spill.stretches] length)"
         )
     return [int(k) for k in chosen]

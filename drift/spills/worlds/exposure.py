@@ -64,7 +64,16 @@ class Exposure:
 
 
 def expose(fates: Fates, reporting: Reporting, patrols: tuple[Walk, ...]) -> Exposure:
-    """Return the stays of every particle with their rates and patrols."""
+    """Return the stays of every particle with their rates and patrols.
+
+    Args:
+        fates: fates of the particles.
+        reporting: rates of reports and removal.
+        patrols: all patrols.
+
+    Returns:
+        The stays by stretch.
+    """
     stays = fates.stays
     segments = reporting.rate.size
     order = np.argsort(stays.segment, kind="stable")
@@ -129,7 +138,16 @@ def _log_unfound(exposed: Exposure, segment: int, rows: slice | Array, until: Re
 
 
 def reported(exposed: Exposure, segment: int, until: float) -> tuple[slice, Real]:
-    """Return the rows of a stretch, and each stay's chance of a public report by a time [s]."""
+    """Return the chance of each stay on a stretch of being reported by the public by a time.
+
+    Args:
+        exposed: stays on the shore.
+        segment: number of the stretch.
+        until: the time [s after start].
+
+    Returns:
+        Rows of the stretch, and chances, (rows,).
+    """
     rows = _rows(exposed, segment)
     times, miss = _log_missed(exposed, segment)
     arrival, loss, end = (
@@ -149,7 +167,16 @@ def reported(exposed: Exposure, segment: int, until: float) -> tuple[slice, Real
 
 
 def public(exposed: Exposure, segment: int, time: float) -> tuple[slice, Real]:
-    """Return the rows of a stretch, and each stay's density [1/s] of a public report at a time."""
+    """Return the density [1/s] of a public report at a time for each stay on a stretch.
+
+    Args:
+        exposed: stays on the shore.
+        segment: number of the stretch.
+        time: the time [s after start].
+
+    Returns:
+        Rows of the stretch, and densities, (rows,).
+    """
     rows = _rows(exposed, segment)
     there = (exposed.arrival[rows] <= time) & (time < exposed.leave[rows])
     at = np.where(there, time, exposed.arrival[rows])
@@ -159,7 +186,16 @@ def public(exposed: Exposure, segment: int, time: float) -> tuple[slice, Real]:
 
 
 def lying(exposed: Exposure, segment: int, time: float) -> Real:
-    """Return each stay's chance of lying unfound on a stretch at a time, before patrols then."""
+    """Return the chance of each stay of lying unfound on a stretch at a time.
+
+    Args:
+        exposed: stays on the shore.
+        segment: number of the stretch.
+        time: the time [s after start]; patrols at this time come after it.
+
+    Returns:
+        Chances, (rows,).
+    """
     rows = _rows(exposed, segment)
     there = (exposed.arrival[rows] <= time) & (time < exposed.leave[rows])
     at = np.where(there, time, exposed.arrival[rows])
@@ -170,7 +206,16 @@ def lying(exposed: Exposure, segment: int, time: float) -> Real:
 
 
 def searched(exposed: Exposure, segment: int, patrol: int) -> tuple[slice, Real]:
-    """Return the rows of a stretch, and each stay's chance of being found by one of its patrols."""
+    """Return the chance of each stay on a stretch of being found by a patrol.
+
+    Args:
+        exposed: stays on the shore.
+        segment: number of the stretch.
+        patrol: number of the patrol, which must visit the stretch.
+
+    Returns:
+        Rows of the stretch, and chances, (rows,).
+    """
     rows = _rows(exposed, segment)
     time, number = float(exposed.patrols[patrol].time), exposed.visits[segment].index(patrol)
     times, miss = _log_missed(exposed, segment)
@@ -181,9 +226,15 @@ def searched(exposed: Exposure, segment: int, patrol: int) -> tuple[slice, Real]
 
 
 def found(exposed: Exposure, now: float, before: bool = False) -> Real:
-    """Return every particle's probability (n,) of having been found by a time, by any means.
+    """Return every particle's probability of having been found by a time, by any means.
 
-    before: whether to leave out the patrols at that very time.
+    Args:
+        exposed: stays on the shore.
+        now: the time [s after start].
+        before: whether to leave out the patrols at that very time.
+
+    Returns:
+        Probabilities, (n,).
     """
     chance = np.zeros(exposed.slot.size)
     for s in exposed.touched.tolist():

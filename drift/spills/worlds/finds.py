@@ -234,11 +234,18 @@ def found(part: Fates, known: Known) -> Real:
 
 
 def usual(fates: Source, known: Known, log_weight: Real) -> Real:
-    """Return B of each find that may be false, (finds,): the prior mean density of true finds.
+    """Return B of each find that may be false: the prior mean density of true finds.
 
-    It is 0 for other finds. log_weight: (W,) of the worlds before any find. Finds of other origin
-    do not change when worlds are drawn again, so B is computed once, from the worlds of the first
-    round.
+    Finds of other origin do not change when worlds are drawn again, so B is computed once, from the
+    worlds of the first round.
+
+    Args:
+        fates: fates of all particles.
+        known: finds and patrols.
+        log_weight: log weights of the worlds before any find, (W,).
+
+    Returns:
+        B of each find, (finds,); 0 for finds that cannot be false.
     """
     if not any(0 < find.false < 1 for find in known.finds):
         return np.zeros(len(known.finds))
@@ -248,7 +255,13 @@ def usual(fates: Source, known: Known, log_weight: Real) -> Real:
 def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0) -> float:
     """Return the largest exponent in (0, 1] that leaves `least` effective worlds, by bisection.
 
-    log_weight: of the worlds before the finds. If even these leave fewer, the exponent is tiny.
+    Args:
+        log_likelihood: of the worlds, (W,).
+        least: effective number of worlds to keep.
+        log_weight: log weights of the worlds before the finds, (W,).
+
+    Returns:
+        The exponent of the likelihood; tiny if the worlds had fewer effective ones before.
     """
 
     def enough(power: float) -> bool:
@@ -355,16 +368,17 @@ def _sums_by_world(fates: Source, known: Known, times: Sequence[tuple[float, boo
 
 
 def _expected_by_stretch(
-    fates: Source, known: Known, asked: Sequence[tuple[Standing, Law]]
+    fates: Source, known: Known, requests: Sequence[tuple[Standing, Law]]
 ) -> list[Real]:
-    """Return the expected number of finds on each stretch, (S,), for each pair of `asked`.
+    """Return the expected number of finds on each stretch, (S,), for each request.
 
-    asked: number of objects that each particle represents, and the law by which it is found.
+    A request is the number of objects that each particle represents, and the law by which it is
+    found.
     """
-    tables: list[list[partials.Partial]] = [[] for _ in asked]
-    for part in fates.parts() if asked else ():
+    tables: list[list[partials.Partial]] = [[] for _ in requests]
+    for part in fates.parts() if requests else ():
         exposed = exposure.expose(part, known.reporting, known.patrols)
-        for (multiplicity, (law, segments)), table in zip(asked, tables, strict=True):
+        for (multiplicity, (law, segments)), table in zip(requests, tables, strict=True):
             value = np.zeros(exposed.slot.size)
             for s in np.intersect1d(segments, exposed.touched):
                 rows, chance = law(exposed, int(s))
@@ -451,8 +465,8 @@ def _near(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:
         adrift.lat[slot] * sphere.UNIT,
     )
     distance = sphere.distance(*lon_lat)
-    kept = distance <= FAR * place.radius
-    return slot[kept], distance[kept]
+    inside = distance <= FAR * place.radius
+    return slot[inside], distance[inside]
 
 
 def _log_prior(fates: Source, log_weight: Real) -> Real:
@@ -545,15 +559,19 @@ def _density_at_sea(fates: Source, number: int, place: AtSea, multiplicity: Stan
 
 
 def _posterior_given(
-    known: Known, world_sums: _WorldSums, evidence: _Evidence, ours: tuple[int, ...], then: int
+    known: Known,
+    world_sums: _WorldSums,
+    evidence: _Evidence,
+    ours: tuple[int, ...],
+    time_index: int,
 ) -> Posterior:
     """Return the posterior given some of the finds, and the chances of being found by a time.
 
-    ours: numbers of the finds; then: index of the time.
+    ours: numbers of the finds; time_index: index of the time.
     """
     numbers = known.numbers
     classes, worlds = numbers.shares.size, evidence.prior.size
-    mean, square = world_sums.found[then] / np.maximum(world_sums.each, 1)[:, None]
+    mean, square = world_sums.found[time_index] / np.maximum(world_sums.each, 1)[:, None]
     share = np.empty((worlds, classes))
     for c in range(classes):
         spread = np.maximum(square[c] - mean[c] ** 2, 0)
@@ -563,17 +581,18 @@ def _posterior_given(
     objects = np.full((worlds, numbers.objects.size), -np.inf)
     destroyed = np.full((worlds, numbers.destroyed.size), -np.inf)
     for k, (counts, log) in enumerate(counted.items()):
-        for own in together(worlds):
-            joint = log[own, None, None] + joint_of(numbers, counts, share[own])
-            size[k, own] = special.logsumexp(joint, axis=(1, 2))
-            objects[own] = np.logaddexp(objects[own], special.logsumexp(joint, axis=2))
-            destroyed[own] = np.logaddexp(destroyed[own], special.logsumexp(joint, axis=1))
+        for batch in together(worlds):
+            joint = log[batch, None, None] + joint_of(numbers, counts, share[batch])
+            size[k, batch] = special.logsumexp(joint, axis=(1, 2))
+            objects[batch] = np.logaddexp(objects[batch], special.logsumexp(joint, axis=2))
+            destroyed[batch] = np.logaddexp(destroyed[batch], special.logsumexp(joint, axis=1))
     log_likelihood = special.logsumexp(size, axis=0)
     if not np.isfinite(log_likelihood).any():
         fewest = min(sum(counts) for counts in counted)
         raise UserError(
             f"{fewest} objects were found, but not so many of their classes were spilled "
-            f"({numbers.objects.max()} in all); raise [spill] objects, or give finds a probability of being false"
+            f"({numbers.objects.max()} in all); raise [spill] objects, or give finds a "
+            "probability of being false"
         )
     weight = weights.shares(log_likelihood + evidence.prior)
     with np.errstate(invalid="ignore"):
@@ -630,8 +649,14 @@ def together(worlds: int) -> Iterator[slice]:
 def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
     """Return the log of prior times likelihood of the numbers of finds by class, without densities.
 
-    Its shape is (W, objects, destroyed). share: probability that an object of a class that was not
-    destroyed has been found, (W, classes).
+    Args:
+        numbers: prior of the numbers of objects.
+        counts: number of true finds by class.
+        share: probability that an object of a class that was not destroyed has been found, (W,
+            classes).
+
+    Returns:
+        Logs, (W, objects, destroyed).
     """
     with np.errstate(divide="ignore"):
         joint = np.log(numbers.objects_prior)[:, None] + np.log(numbers.destroyed_prior)
@@ -656,15 +681,15 @@ def remaining(weighed: Posterior) -> Real:
     numbers, left = weighed.known.numbers, np.zeros_like(weighed.share)
     destroyed = numbers.destroyed
     for counts, chosen in zip(weighed.counts, weighed.chosen, strict=True):
-        for own in together(len(left)):
-            joint = joint_of(numbers, counts, weighed.share[own])
+        for batch in together(len(left)):
+            joint = joint_of(numbers, counts, weighed.share[batch])
             peak = joint.max((1, 2), keepdims=True)
             mass = np.exp(joint - np.where(np.isfinite(peak), peak, 0.0))
-            mass *= (chosen[own] / np.maximum(mass.sum((1, 2)), 1e-300))[:, None, None]
+            mass *= (chosen[batch] / np.maximum(mass.sum((1, 2)), 1e-300))[:, None, None]
             for c, found in enumerate(counts):
-                share = np.minimum(weighed.share[own, c, None, None], 1 - 1e-15)
+                share = np.minimum(weighed.share[batch, c, None, None], 1 - 1e-15)
                 alive = (1 - destroyed) * (1 - share) / (1 - (1 - destroyed) * share)
-                left[own, c] += (
+                left[batch, c] += (
                     mass * np.maximum(numbers.by_class[:, c, None] - found, 0) * alive
                 ).sum((1, 2))
     return left

@@ -38,7 +38,16 @@ def per_world(spill: Spill) -> tuple[int, ...]:
 
 
 def layout(spill: Spill, first: int = 0, last: int | None = None) -> Layout:
-    """Return the slots of each class for the worlds `first` to before `last`; by default all."""
+    """Return the slots of each class for a range of worlds.
+
+    Args:
+        spill: the spill.
+        first: number of the first world.
+        last: number after the last world; None: all.
+
+    Returns:
+        The slots.
+    """
     counts = np.array(per_world(spill))
     worlds = (spill.worlds if last is None else last) - first
     bounds = (0, *(int(n) for n in np.cumsum(counts) * worlds))
@@ -78,8 +87,8 @@ def check(spill: Spill, dry: Array) -> None:
     for failed, count in zip(dry.tolist(), per_world(spill), strict=True):
         if failed > 0.01 * count * spill.worlds:
             raise UserError(
-                f"[spill] release_std: {failed:,} of {count * spill.worlds:,} objects found no water about their "
-                "release; make it smaller, or check [coast] source"
+                f"[spill] release_std: {failed:,} of {count * spill.worlds:,} objects found no "
+                "water about their release; make it smaller, or check [coast] source"
             )
 
 
@@ -92,9 +101,19 @@ def drawn(
     seed: int,
     own: Layout | None = None,
 ) -> tuple[Ensemble, Array]:
-    """Draw the ensemble of some worlds, and count the objects that found no water, (classes,).
+    """Draw the ensemble of some worlds, and count the objects that found no water.
 
-    own: slots of each class for these worlds only; by default for all worlds.
+    Args:
+        spill: the spill.
+        worlds: the worlds.
+        period: period of the run.
+        errors: error laws of wind and current.
+        coast: the coast on the device.
+        seed: seed of the run.
+        own: slots of each class for these worlds only; None: for all worlds of the spill.
+
+    Returns:
+        The ensemble, and the number of objects of each class without water, int64 (classes,).
     """
     counts, own = per_world(spill), own or layout(spill)
     ensemble, key, dry = (

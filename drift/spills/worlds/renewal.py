@@ -44,7 +44,7 @@ NARROWING = (
 )
 ENOUGH = 10.0  # least effective worlds per latent from which a proposal is made
 WORST = 10  # stretches in the summary
-# [objects] least expected number of a stretch that the summary ranks by number per km; it leaves out
+# [objects] least expected number of a stretch that the summary ranks by number per km: leaves out
 # short stretches with next to nothing
 SOME = 0.1
 REALISATIONS = 4  # most complete spills for each world
@@ -75,14 +75,14 @@ class Aftermath:
     rounds: tuple[float, ...]  # effective worlds in each round
 
 
-def stretches(period: Period, spill: Spill, coast: Coast, drawn: Worlds) -> Segments:
+def stretches(period: Period, spill: Spill, coast: Coast, prior_worlds: Worlds) -> Segments:
     """Return the stretches of coast for a spill's figures.
 
     Raises:
         UserError: a find, a patrol or the file of stretches is wrong.
     """
     segments = evidence.cut_stretches(spill, coast)
-    evidence.build_evidence(period, spill, segments, coast, drawn)
+    evidence.build_evidence(period, spill, segments, coast, prior_worlds)
     return segments
 
 
@@ -109,13 +109,15 @@ def settle(
         The last run, weighted by the finds, and the results.
     """
     assert first.worlds is not None
-    drifted, drawn, rounds, usual = first, first.worlds, [0.0], None
+    drifted, current_worlds, rounds, usual = first, first.worlds, [0.0], None
     while True:
-        known = evidence.build_evidence(period, spill, segments, coast, drawn)
+        known = evidence.build_evidence(period, spill, segments, coast, current_worlds)
         fates = kept(period, spill, drifted.snapshots, segments, known)
-        usual = finds.usual(fates, known, drawn.log_weight) if usual is None else usual
+        usual = finds.usual(fates, known, current_worlds.log_weight) if usual is None else usual
         known = replace(known, usual=usual)
-        posterior = finds.posterior(fates, known, drawn.latent, drawn.log_weight, drawn.member)
+        posterior = finds.posterior(
+            fates, known, current_worlds.latent, current_worlds.log_weight, current_worlds.member
+        )
         rounds[-1] = posterior.effective
         if (
             posterior.effective >= FEWEST
@@ -124,17 +126,19 @@ def settle(
         ):
             break
         effective_wanted = min(
-            max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4
+            max(current_worlds.size / NARROWING, ENOUGH * len(current_worlds.names)),
+            current_worlds.size / 4,
         )
         # The exponent interpolates from the density that the worlds were drawn from (0) to the
         # posterior (1), so it never leads back to the prior.
-        log_target = posterior.log_likelihood + drawn.log_weight
+        log_target = posterior.log_likelihood + current_worlds.log_weight
         proposal = worlds.around(
-            drawn, weights.shares(finds.tempered(log_target, effective_wanted) * log_target)
+            current_worlds,
+            weights.shares(finds.tempered(log_target, effective_wanted) * log_target),
         )
         drifted = renew(proposal, len(rounds))
         assert drifted.worlds is not None
-        drawn = drifted.worlds
+        current_worlds = drifted.worlds
         rounds.append(0.0)
     drifted.snapshots.reweigh(_log_weights(fates, posterior))
     aftermath = Aftermath(
@@ -142,10 +146,12 @@ def settle(
         spill,
         segments,
         fates,
-        drawn,
+        current_worlds,
         first.worlds,
         posterior,
-        finds.surprises(fates, known, drawn.latent, drawn.log_weight, drawn.member),
+        finds.surprises(
+            fates, known, current_worlds.latent, current_worlds.log_weight, current_worlds.member
+        ),
         washup.build_washup(
             realisations.realise(fates, posterior, drifted.seed, spills(spill)),
             segments,
@@ -164,7 +170,18 @@ def settle(
 def kept(
     period: Period, spill: Spill, snapshots: SnapshotStore, segments: Segments, known: finds.Known
 ) -> Kept:
-    """Return the particles' fates at the end of the run, and positions at finds at sea."""
+    """Return the particles' fates at the end of the run, and positions at finds at sea.
+
+    Args:
+        period: period of the run.
+        spill: the spill.
+        snapshots: the run's snapshots, whose files must stay open.
+        segments: stretches of coast.
+        known: finds and patrols.
+
+    Returns:
+        The fates, part by part.
+    """
     times = _outputs(period, snapshots).tolist()
     at_sea = {
         k: times.index(find.time)
@@ -199,9 +216,14 @@ def _log_weights(fates: Source, posterior: finds.Posterior) -> Iterator[Array]:
 
 
 def unfound(fates: Source, known: finds.Known) -> tuple[Real, Real]:
-    """Return the sum and the maximum of particles' chances of not being found, (W, classes) each.
+    """Return the sum and the maximum of particles' chances of not being found.
 
-    They are over the particles of a class in a world.
+    Args:
+        fates: fates of all particles.
+        known: finds and patrols.
+
+    Returns:
+        Sum and maximum over the particles of a class in a world, (W, classes) each.
     """
     shared, largest = (np.zeros((fates.worlds, len(fates.counts))) for _ in range(2))
     for part in fates.parts():
@@ -239,7 +261,7 @@ def summary_of_spill(after: Aftermath) -> dict[str, Any]:
     end = data.isel(time=-1)
     columns = washup_tables.records(data)
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-    dense = sorted(
+    densest = sorted(
         (row for row in rows if row["expected"] >= SOME), key=lambda row: row["rank_per_km"]
     )
     return {
@@ -264,7 +286,7 @@ def summary_of_spill(after: Aftermath) -> dict[str, Any]:
                 for k, fate in enumerate(data["fate"].values)
             },
             "worst_stretches": rows[:WORST],
-            "densest_stretches": dense[:WORST],
+            "densest_stretches": densest[:WORST],
             "patrols": patrols(spill, after.segments),
             "silence": silence(after),
             "finds": told(after),
@@ -317,15 +339,16 @@ def warnings(after: Aftermath) -> list[str]:
             else f"so many had a probability of {many:.1g}"
         )
         texts.append(
-            f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; "
-            "check the patrols' detection, [spill.reporting] rate and [spill] destroyed before believing the figures"
+            f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} "
+            "beforehand; check the patrols' detection, [spill.reporting] rate and [spill] "
+            "destroyed before believing the figures"
         )
     count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
     if count.few:
         when = "after the finds" if after.posterior.known.finds else ""
         texts.append(
-            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.redraws, or check "
-            "the finds that are called odd"
+            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or "
+            "spill.redraws, or check the finds that are called odd"
         )
     return texts
 
@@ -345,12 +368,12 @@ def _probability_of_number(after: Aftermath) -> tuple[float, float]:
         numbers.objects_prior[:, None] * numbers.destroyed_prior,
     )
     count, odds = numbers.objects[:, None], np.empty((len(world_weight), 2))
-    for own in finds.together(len(world_weight)):
-        chance = share[own, None, None] * (1 - numbers.destroyed)
-        odds[own, 0] = (grid_prior * special.bdtr(np.minimum(ashore, count), count, chance)).sum(
+    for batch in finds.together(len(world_weight)):
+        chance = share[batch, None, None] * (1 - numbers.destroyed)
+        odds[batch, 0] = (grid_prior * special.bdtr(np.minimum(ashore, count), count, chance)).sum(
             (1, 2)
         )
-        odds[own, 1] = (
+        odds[batch, 1] = (
             grid_prior * special.bdtrc(np.minimum(ashore - 1, count), count, chance)
         ).sum((1, 2))
     few, many = partials.sum_over_worlds(world_weight[:, None] * odds).tolist()
@@ -362,7 +385,7 @@ def notes(spill: Spill) -> list[str]:
     if spill.objects[1] <= spill.per_world:
         return []
     return [
-        f"a world has {spill.per_world:,} particles for up to {spill.objects[1]:,} objects: "
-        f"each stands for several, which makes ranges up to {(spill.objects[1] / spill.per_world) ** 0.5:.2f} times "
-        "too wide; raise spill.per_world"
+        f"a world has {spill.per_world:,} particles for up to {spill.objects[1]:,} objects: each "
+        "stands for several, which makes ranges up to "
+        f"{(spill.objects[1] / spill.per_world) ** 0.5:.2f} times too wide; raise spill.per_world"
     ]

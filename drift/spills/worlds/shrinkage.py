@@ -20,7 +20,7 @@ from geo.array import Real
 
 NEIGHBOURS = 24  # nearest worlds that correct the quadratic
 STEPS = 40  # most steps of Newton's method
-# [standard deviations] distance between members of an ensemble, so that neighbours are of one member
+# [standard deviations] distance between ensemble members, so that neighbours are of one member
 FAR = 1e3
 SUREST = 1e9  # largest number of zeros and ones to which a particle's chance is equivalent
 RIDGE = 1.0  # inverse variance of a coefficient of the standardised latents
@@ -53,11 +53,18 @@ class Likeness:
 
 
 def likeness(latent: Real, member: npt.NDArray[np.int32] | None = None) -> Likeness:
-    """Return the similarity of worlds with these latents (W, k).
+    """Return the similarity of worlds by their latents.
 
-    The quadratic has fewer terms if worlds are few. member: of an ensemble of winds and currents,
-    (W,). Each member has its own mean, and its own slopes if there are enough worlds; neighbours
-    are of one member.
+    The quadratic has fewer terms if worlds are few. Each member of an ensemble of winds and
+    currents has its own mean, and its own slopes if there are enough worlds; neighbours are of one
+    member.
+
+    Args:
+        latent: latents of the worlds, (W, k).
+        member: members of the ensemble, (W,); None: no ensemble.
+
+    Returns:
+        Regression terms and neighbours of each world.
     """
     worlds = len(latent)
     spread = latent.std(0)
@@ -148,9 +155,16 @@ def _nearby(count: Real, mean: Real, similarity: Likeness) -> Real:
 
 
 def share(mean: Real, variance: Real, n: int, similarity: Likeness) -> Real:
-    """Return each world's share (W,), drawn toward that of similar worlds (beta-binomial model).
+    """Return each world's share, drawn toward that of similar worlds (beta-binomial model).
 
-    mean, variance: over the world's n particles of their chances, (W,).
+    Args:
+        mean: mean of the chances of a world's particles, (W,).
+        variance: variance of these chances, (W,).
+        n: number of particles of a world.
+        similarity: similarity of the worlds.
+
+    Returns:
+        Shares, (W,).
     """
     if not mean.any():
         return mean

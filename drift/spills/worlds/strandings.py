@@ -74,7 +74,12 @@ class Landings:
 def stays(portion: Portion, of_edge: Array) -> Stays:
     """Return the stays of a portion's particles, by their slots in it.
 
-    of_edge: segment of every shoreline edge.
+    Args:
+        portion: some particles of a run's file.
+        of_edge: segment of every shoreline edge.
+
+    Returns:
+        The stays, sorted by slot and arrival.
     """
     shard_file, first_stays, parts, offset = portion.reel, portion.reel.noted(BEGUN), [], 0
     for first, last, _ in portion.slots:

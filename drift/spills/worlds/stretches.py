@@ -46,8 +46,7 @@ class _Rows:
     most: Array  # largest number of objects in the row in any realisation
     lying: Array  # (realisations, r, T) objects that lie there
     arrived: Array  # (1, r, T) objects that ever lay there, summed over realisations
-    # (kinds, r, T) objects that lie there by class, summed over realisations; empty if there is only
-    # one class
+    # (kinds, r, T) objects that lie there by class, summed over realisations; empty for one class
     by_kind: Array
     first: Array  # arrival of the first object [s after start]; FOREVER: none arrives
     before: Array  # arrival of the last object of the first half
@@ -61,8 +60,8 @@ class Table:
         """Create an empty table."""
         self._file, self._times, self._realisations = file, times, realisations
         self._kinds = kinds if kinds > 1 else 0
-        # For each part: its stretches; their first rows, followed by the number of all rows; and the
-        # largest number of objects in a row of each.
+        # For each part: its stretches; their first rows, followed by the number of all rows; and
+        # the largest number of objects in a row of each.
         self._parts: list[tuple[Array, Array, Array]] = []
 
     @property
@@ -175,9 +174,7 @@ def _count_objects(
     amounts = [realisation.stands[slot] for realisation in realisations]
     total = np.sum(amounts, axis=0, dtype=np.int32)
     of_kind = [lying(np.where(fates.kind[slot] == kind, total, 0)) for kind in range(kinds)]
-    when = [
-        _arrivals_by_row(row, r, arrival, np.where(first_stay, amount, 0)) for amount in amounts
-    ]
+    when = [_arrivals_by_row(row, r, arrival, np.where(first_stay, amount, 0)) for amount in amounts]
     return _Rows(
         segment=pairs // fates.worlds,
         world=pairs % fates.worlds,

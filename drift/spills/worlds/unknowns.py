@@ -95,7 +95,13 @@ def _figures(values: Real, weight: Real) -> dict[str, float]:
 def unknowns_csv(rows: dict[str, Any], worlds: float, run: str) -> str:
     """Return the table as CSV.
 
-    worlds: effective worlds after the finds. run: the run_id, for the last column.
+    Args:
+        rows: from `unknowns_table`.
+        worlds: effective worlds after the finds.
+        run: the run_id, for the last column.
+
+    Returns:
+        The text of unknowns.csv.
     """
     figures = ("mean", *(f"{share:.0%}" for share in SHARES))
     header = [

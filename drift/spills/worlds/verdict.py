@@ -76,7 +76,17 @@ def _row(number: int, spill: Spill, segments: Segments, surprise: Surprise, alie
 
 
 def position(spill: Spill, segments: Segments, number: int, find: Detection) -> tuple[float, float]:
-    """Return where a find lies (lon, lat) [deg]: as given, or the middle of its stretch."""
+    """Return where a find lies (lon, lat) [deg]: as given, or the middle of its stretch.
+
+    Args:
+        spill: the spill.
+        segments: stretches of coast.
+        number: number of the find in the case, from 0.
+        find: the same find, on its stretch.
+
+    Returns:
+        Longitude and latitude [deg].
+    """
     if isinstance(find.place, finds.AtSea):
         return find.place.lon, find.place.lat
     given = spill.finds[number]
@@ -88,7 +98,13 @@ def position(spill: Spill, segments: Segments, number: int, find: Detection) -> 
 def csv(told: Sequence[Row], worlds: float, run: str) -> str:
     """Return the finds as CSV, a row each, in order of time.
 
-    worlds: effective worlds after the finds. run: the run_id, for the last column.
+    Args:
+        told: rows of the finds, from `rows`.
+        worlds: effective worlds after the finds.
+        run: the run_id, for the last column.
+
+    Returns:
+        The text of finds.csv.
     """
     lines = [[*(_cell(row[name]) for name in COLUMNS), f"{worlds:.6g}", run] for row in told]
     return formats.csv_text([*COLUMNS, "effective_worlds", "run_id"], lines)
@@ -112,8 +128,10 @@ def ours(row: Row) -> str:
 def odd(told: Sequence[Row]) -> list[str]:
     """Return a warning for each find whose place was improbable given the evidence before it."""
     return [
-        f'find {row["number"]} "{row["name"]}" ({notation.format_dtg(row["time"])}, {row["position"]}, {row["stretch"]}) is unlikely: '
-        f"the chance of a find there was {notation.percent(row['probability_beforehand'])}, at places at "
+        f'find {row["number"]} "{row["name"]}" ({notation.format_dtg(row["time"])}, {row["position"]}, '
+        f"{row['stretch']}) is unlikely: "
+        f"the chance of a find there was {notation.percent(row['probability_beforehand'])}, at "
+        "places at "
         f"most as likely {notation.percent(row['tail'])}; {ours(row)}; check it, or set false = 0.1"
         for row in told
         if row["odd"]

@@ -75,17 +75,33 @@ def build_washup(
 
 
 def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
-    """Return the indices of the stretches with the largest expected numbers at a time, worst first.
+    """Return the stretches with the largest expected numbers at a time, worst first.
 
-    There are at most `count` of them. Of stretches with equal numbers, that with more arrivals
-    comes first.
+    Of stretches with equal numbers, that with more arrivals comes first.
+
+    Args:
+        data: contents of washup.nc.
+        count: most stretches to return; None: all.
+        time: index of the output time.
+
+    Returns:
+        Indices of the stretches in `data`.
     """
     at = data.isel(time=time)
     return np.lexsort((-at["arrived"].values, -at["expected"].values))[:count]
 
 
 def account(fates: Fates, realisation: Realisation, outputs: Array) -> Array:
-    """Return each world's objects by fate (washup_dataset.FATES) at each time, (worlds, T, 7)."""
+    """Return each world's objects by fate at each time.
+
+    Args:
+        fates: fates of some worlds.
+        realisation: a simulated spill of these worlds.
+        outputs: output times [s after start], (T,), ascending.
+
+    Returns:
+        Numbers of objects in the order of washup_dataset.FATES, int64 (worlds, T, 7).
+    """
     stands = realisation.stands
     when = {
         name: np.searchsorted(outputs, values) for name, values in stretches.settled(fates).items()

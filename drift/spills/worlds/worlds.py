@@ -181,7 +181,8 @@ def draw_worlds(
     wanted = count or spill.worlds
     if wanted < members:
         raise UserError(
-            f"[spill] worlds: {wanted} are too few for {members} members of the winds or currents; give more"
+            f"[spill] worlds: {wanted} are too few for {members} members of the winds or "
+            "currents; give more"
         )
     kept_latent: list[Real] = []
     kept_member: list[npt.NDArray[np.int32]] = []
@@ -202,8 +203,8 @@ def draw_worlds(
             break
     else:
         raise UserError(
-            f"[spill]: its release lies on land, or in too thin an area: {accepted} of {TRIES * wanted:,} draws lay in "
-            "water; move or widen it, or check [coast] source"
+            f"[spill]: its release lies on land, or in too thin an area: {accepted} of "
+            f"{TRIES * wanted:,} draws lay in water; move or widen it, or check [coast] source"
         )
     latent = np.concatenate(kept_latent)[:wanted]
     if proposal is None:

@@ -140,7 +140,7 @@ def test_the_fit_says_what_it_leaves_out_and_its_remedy_works(shore, tmp_path, m
     for source in (shore.source, "none"):
         varied = drift.vary(case, {"coast.source": source})
         found[source], notes = fitting.fit_errors(varied, tracks, columns=COLUMNS, gap=4 * 3600.0)
-        told = [note for note in notes if "of the shore, which it could drift" in note]
+        told = [note for note in notes if "of the shore, near enough to run aground" in note]
         assert len(told) == (source != "none")
         assert all('coast.source = "none" keeps these fixes' in note for note in told)
     assert found["none"].increments > found[shore.source].increments

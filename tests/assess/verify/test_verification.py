@@ -253,7 +253,7 @@ def test_what_does_not_drift_is_refused(tmp_path, job):
         job(steaming, simulated(2, 3))
     assert str(caught.value) == (
         f'{base.path.name}: scenario "drifter" has motion = "steaming"; '
-        'drifters are compared with what drifts, motion = "drift"'
+        'drifters can only be compared with motion = "drift"'
     )
 
 

@@ -16,8 +16,8 @@ from geo.coast.segments import Segments
 SHARES = (0.1, 0.5, 0.9)
 FATES = ("pending", "afloat", "ashore", "sunk", "gone", "destroyed", "found")
 FATES_MEAN = (
-    "pending: not yet released; afloat: adrift; gone: left the domain or ran out of forcing; destroyed: lost at once; "
-    "found: found and taken away; destroyed and found count at all times"
+    "pending: not yet released; afloat: adrift; gone: left the domain or ran out of forcing; "
+    "destroyed: lost at once; found: found and taken away; destroyed and found count at all times"
 )
 
 BY_TIME = ("time", "segment")
@@ -64,13 +64,14 @@ FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
     ),
 }
 SUMMARY = (
-    "Objects of a spill on each stretch of coast, and when they arrived: expected numbers, probabilities "
-    "and quantiles over simulated spills, with standard errors; and the fates of all objects."
+    "Objects of a spill on each stretch of coast, and when they arrived: expected numbers, "
+    "probabilities and quantiles over simulated spills, with standard errors; and the fates of "
+    "all objects."
 )
 ERROR = "standard error, from the number of worlds and of particles, of the "
 ERRORS_MEAN = (
-    "errors of means and probabilities allow for worlds that were not sampled (drift.spills.worlds.estimate.unseen); "
-    "NaN: too few worlds to judge"
+    "errors of means and probabilities allow for worlds that were not sampled "
+    "(drift.spills.worlds.estimate.unseen); NaN: too few worlds to judge"
 )
 
 
@@ -162,7 +163,10 @@ def build_washup_dataset(
         {
             "long_name": "effective number of worlds after the finds",
             "units": "1",
-            "comment": "worlds are weighted by the finds; forecast.nc also weights each by its mapped probability at a time",
+            "comment": (
+                "worlds are weighted by the finds; forecast.nc also weights each by its mapped "
+                "probability at a time"
+            ),
         },
     )
     data["realisations"] = (

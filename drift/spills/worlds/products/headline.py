@@ -30,4 +30,7 @@ def washup_headline(data: xr.Dataset) -> str:
     name, near = worst["name"].item(), worst["near"].item()
     place = called(int(worst["segment"]), name, near)
     away = f", {worst['near_distance'].item() / NMI:.0f} nmi from {near}" if near else ""
-    return f"{words} The stretch with most of them, {labels.number(worst['expected'].item())}, is {place}{away}."
+    return (
+        f"{words} The stretch with most of them, {labels.number(worst['expected'].item())}, is "
+        f"{place}{away}."
+    )

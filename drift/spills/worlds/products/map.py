@@ -107,7 +107,7 @@ class _Shown:
     """The drawn stretches by expected number (least first), and the ten worst (worst first)."""
 
     number: Array  # expected number of objects
-    sooner: Array  # median time of the first arrival [s since 1970]
+    first_arrival: Array  # median time of the first arrival [s since 1970]
     lines: list[list[Array]]  # lines (n, 2) [deg] of each stretch
     worst: Array  # listed stretches, indices in the data
     lon: Array  # middles of the listed stretches [deg]
@@ -167,7 +167,7 @@ def plot_washup(
     widths = 1.4 + 4.6 * np.asarray(norm(np.maximum(shown.number, numbers[0])))
     for left, values, scale, colours in (
         (LEFT, shown.number, norm, _dark_is_more()),
-        (RIGHT, shown.sooner, when, _dark_is_more().reversed()),
+        (RIGHT, shown.first_arrival, when, _dark_is_more().reversed()),
     ):
         ax = on.figure.add_axes((left, 0.465, MAP[0], height))
         chart.prepare(ax, frame)
@@ -221,7 +221,7 @@ def _parts(segments: Segments, number: int) -> list[Array]:
 def _scales(shown: _Shown) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the ends of the colour scales: expected number, and time [s since 1970]."""
     most = float(shown.number.max(initial=0.0)) or 1.0
-    hours = np.append(shown.sooner, [] if len(shown.sooner) else 0.0) / 3600
+    hours = np.append(shown.first_arrival, [] if len(shown.first_arrival) else 0.0) / 3600
     first = float(np.floor(hours.min()))
     return (most / 10**DECADES, most), (
         3600 * first,
@@ -244,7 +244,7 @@ def _shown(data: xr.Dataset, segments: Segments, only: set[int] | None) -> _Show
     worst = order[listed[:WORST]]
     return _Shown(
         number=number[index[::-1]],
-        sooner=data["first_arrival"].values[1, index[::-1]],
+        first_arrival=data["first_arrival"].values[1, index[::-1]],
         lines=lines[::-1],
         worst=worst,
         lon=data["lon"].values[worst],
@@ -585,7 +585,8 @@ def _basis(data: xr.Dataset) -> str:
     worlds, many = data.sizes["world"], data["effective_worlds"].item()
     each = data["realisations"].item()
     return (
-        f"{worlds:,} worlds, effective {many:,.0f}, of {each} simulated spill{'s' if each > 1 else ''} each   ·   "
+        f"{worlds:,} worlds, effective {many:,.0f}, of {each} simulated "
+        f"spill{'s' if each > 1 else ''} each   ·   "
         f"{data['total'].values[:, -1].sum():,.1f}".removesuffix(".0")
         + " objects lost"
     )

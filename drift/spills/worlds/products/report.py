@@ -32,9 +32,10 @@ FINDS = [
     ("none_of_ours", "None of ours", "share"),
 ]
 BEFOREHAND = (
-    "Expected there: the probability, given all evidence before it, that the next find is on that stretch (at sea: within its "
-    "radius). Or where less likely: that it is on a stretch at most as likely; under 2 % the find is odd. None of ours: the "
-    "probability that it is not from this spill, 0 if the case does not set `false`. "
+    "Expected there: the probability, given all evidence before it, that the next find is on that "
+    "stretch (at sea: within its radius). Or where less likely: that it is on a stretch at most "
+    "as likely; under 2 % the find is odd. None of ours: the probability that it is not from this "
+    "spill, 0 if the case does not set `false`. "
 )
 
 
@@ -53,7 +54,7 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
         if finds
         else []
     )
-    quiet = [leaves.text_leaf("What was not found", words=words)] if silence and not finds else []
+    quiet = [leaves.text_leaf("Absence of finds", words=words)] if silence and not finds else []
     return [
         leaves.headline_leaf(headline),
         leaves.shapes_leaf(
@@ -79,7 +80,10 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
                 ("expected_per_km", "On average per km", "number"),
             ],
             file="washup.csv",
-            note="Worst first, by the average number. Long stretches collect more objects, so there is also a rank by number per km."
+            note=(
+                "Worst first, by the average number. Long stretches collect more objects, so "
+                "there is also a rank by number per km."
+            )
             + (" All numbers are of objects not yet found." if finds else ""),
             unfolded=True,
         ),
@@ -98,7 +102,7 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
             by_time="time",
         ),
         leaves.table_leaf(
-            "What is not known of the spill",
+            "Unknowns before and after the finds",
             [
                 ("unknown", "Unknown", "words"),
                 ("unit", "Unit", "words"),

@@ -152,7 +152,7 @@ def lines(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -
 
 
 def _worlds(data: xr.Dataset) -> float:
-    """Return the effective number of worlds to six digits; figures are rough below effective.FEW."""
+    """Return the effective number of worlds, to six digits."""
     return float(f"{data['effective_worlds'].item():.6g}")
 
 
