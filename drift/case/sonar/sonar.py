@@ -534,7 +534,7 @@ def _in_groups(every: Sequence[Sensor]) -> list[Sensor]:
     return [replace(sensor, steadiest=steadiest.get(sensor.group, math.inf)) for sensor in every]
 
 
-def named(name: str, run: Run) -> Sensor:
+def sensor_named(name: str, run: Run) -> Sensor:
     """Return the sensor of a name; raise ValueError where there is none."""
     if name not in run.sensors:
         near = difflib.get_close_matches(name, list(run.sensors), n=1, cutoff=0.5)
@@ -544,7 +544,7 @@ def named(name: str, run: Run) -> Sensor:
     return run.sensors[name]
 
 
-def beams(given: Sequence[int] | None, sensor: Sensor) -> tuple[int, ...]:
+def beam_indices(given: Sequence[int] | None, sensor: Sensor) -> tuple[int, ...]:
     """Return numbers of beams, from 0, given from 1; raise ValueError for those that the sensor
     does not have.
     """

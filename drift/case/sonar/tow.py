@@ -72,7 +72,7 @@ class TowTable(fields.Table):
 
     def tow(self, name: str, run: Run, plan: PlanSpec) -> Tow:
         """Return the record; raise ValueError for what does not fit the plan."""
-        sensor = sonar_table.named(self.sensor, run)
+        sensor = sonar_table.sensor_named(self.sensor, run)
         if not isinstance(sensor.sees, Sonar):
             raise ValueError(f'sensor "{sensor.name}" is no sonar; a [[tow]] tows a sonar')
         if sensor.place is not None:

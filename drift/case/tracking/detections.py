@@ -198,7 +198,7 @@ def read_detections(
     return log.found(label)
 
 
-def told(
+def detections_of_tables(
     tables: Sequence[DetectionTable], start: np.datetime64, end: float, sensors: tuple[Sensor, ...]
 ) -> tuple[Detections, path.Path | None]:
     """Return the same of tables in the case itself."""

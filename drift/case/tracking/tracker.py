@@ -84,7 +84,7 @@ class TrackerTable(fields.Table):
         return self
 
 
-def way(
+def tracker_path(
     table: TrackerTable, own: path.Path | None, start: np.datetime64, end: float, folder: Path
 ) -> path.Path:
     """Return where the tracker is; own: by the file of detections."""

@@ -905,7 +905,7 @@ def test_object_and_debris_part_inside_a_step(tmp_path):
     case = load(tmp_path, text, particles=n, contacts=contacts)
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
-    search, bends = run_setup.search(case, begin), []
+    search, bends = run_setup.build_search_filter(case, begin), []
     first, apply_evidence = begin.ensemble.lat.to_numpy().astype(float), search.apply_evidence
 
     def effect(time, place):
@@ -955,7 +955,7 @@ def test_copies_ashore_begin_their_waits_anew_debris_too(tmp_path):
     )
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
-    search = run_setup.search(case, begin)
+    search = run_setup.build_search_filter(case, begin)
     begin.scene.forcing.close()
     (beside,) = search._debris.values()
     for ensemble in (begin.ensemble, beside.ensemble):

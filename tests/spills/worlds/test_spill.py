@@ -156,7 +156,7 @@ def test_washup_of_no_world_is_that_of_all_when_weights_are_even(straight) -> No
     assert straight.aftermath.posterior.effective == pytest.approx(1500)
     assert straight.washup.sizes["world"] == 1500
     assert (
-        list(washup.worst(straight.washup, 2))
+        list(washup.worst_stretches(straight.washup, 2))
         == sorted(
             range(straight.washup.sizes["segment"]),
             key=lambda k: -straight.washup["expected"].values[-1, k],
