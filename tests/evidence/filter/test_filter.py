@@ -845,7 +845,6 @@ def test_kahns_weights_are_those_that_were_aimed_at():
     assert found[:, 0].std() > 0  # the number drawn floats, and the sum of the weights with it
 
 
-@pytest.mark.thorough
 def test_debris_has_coefficients_of_its_own(tmp_path):
     """It shares its object's release and errors to the bit; leeway coefficients and sides, even of
     one class, are independent.
