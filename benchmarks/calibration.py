@@ -69,7 +69,7 @@ def bank(seed: int, worlds: int) -> Bank:
             case.period, case.spill, segments, where.coast, begin.worlds
         )
         spool.PART = 2**40  # all worlds in one part
-        (fates,) = renewal.kept(case.period, case.spill, snapshots, segments, known).parts()
+        (fates,) = renewal.read_fates(case.period, case.spill, snapshots, segments, known).parts()
     begin.scene.forcing.close()
     return Bank(case, fates, begin.worlds, segments, where.coast)
 
@@ -87,7 +87,7 @@ class Truth:
 def truths(made: Bank, rng: np.random.Generator, end: float) -> list[Truth]:
     """Return each world of a bank as a true spill: some objects destroyed, some reported."""
     fates, spill = made.fates, made.case.spill
-    rate = evidence.rates(spill.reporting, made.segments)
+    rate = evidence.reporting_rates(spill.reporting, made.segments)
     n = fates.world.size
     segment, arrival = np.full(n, -1), np.full(n, np.inf)
     segment[fates.stays.slot], arrival[fates.stays.slot] = fates.stays.segment, fates.stays.arrival
@@ -111,7 +111,7 @@ def rank(truth: float, sample: np.ndarray, weight: np.ndarray, rng: np.random.Ge
 def ranks(
     made: Bank,
     truth: Truth,
-    known: finds.Known,
+    known: finds.SpillEvidence,
     count: int,
     end: int,
     rng: np.random.Generator,

@@ -17,7 +17,7 @@ import drift
 from drift.pipeline import flow, run_options
 from drift.spills.worlds import finds, washup
 from drift.spills.worlds.realisations import realise
-from drift.spills.worlds.renewal import Aftermath
+from drift.spills.worlds.renewal import SpillResult
 
 
 def main() -> None:
@@ -25,14 +25,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--worlds", type=int, default=2000)
     given = smallest.parse(parser, worlds=50)
-    with flow.kept(
+    with flow.open_result(
         run_options.open_job(drift.load("gulf_containers", {"spill.worlds": str(given.worlds)}))
     ) as result:
         assert result.aftermath is not None
         _tell(result.aftermath)
 
 
-def _tell(after: Aftermath) -> None:
+def _tell(after: SpillResult) -> None:
     """Print the table."""
     known, worlds, end = after.posterior.known, after.worlds, after.period.duration
     surprises = {one.find.name: one for one in after.surprises}
@@ -56,7 +56,7 @@ def _tell(after: Aftermath) -> None:
         )
         k = fates.index("ashore")
         low, _, high = data["total_number"].values[:, k, -1]
-        worst = washup.worst(data, 1)[0]
+        worst = washup.worst_stretches(data, 1)[0]
         place, before = ("", "")
         if some:
             one = surprises[some[-1].name]

@@ -16,7 +16,7 @@ import drift
 from drift.engine.environment.environment_spec import Coast
 from drift.engine.environment.forcing_spec import ForcingSpec, Slices
 from drift.pipeline import run_setup, shared_forcing
-from drift.pipeline.shared_forcing import Files, Waters
+from drift.pipeline.shared_forcing import Files, SharedRegion
 from geo.box import Box
 from geo.coast import edges, shore
 from geo.errors import UserError
@@ -111,7 +111,7 @@ def test_a_coast_is_shared_only_where_it_would_be_the_same(tmp_path: Path) -> No
     asked = replace(asked, coast=Coast(island(tmp_path / "land.json"), "strand"))
     box = Box(-89.3, 26.7, -86.9, 28.6)
     near, wide = (
-        Waters(one, Files({}))
+        SharedRegion(one, Files({}))
         for one in (Box(-90.0, 26.0, -86.0, 29.0), Box(-121.0, 3.0, -55.0, 51.0))
     )
     assert (
@@ -142,7 +142,7 @@ def test_no_land_is_shared_too(tmp_path: Path) -> None:
         run_setup.ensemble_spec(case(tmp_path)),
         run_setup.environment_spec(case(tmp_path)),
     )
-    found = Waters(Box(-121.0, 3.0, -55.0, 51.0), Files({})).coast(
+    found = SharedRegion(Box(-121.0, 3.0, -55.0, 51.0), Files({})).coast(
         spec, asked, Box(-89.3, 26.7, -86.9, 28.6)
     )
     assert found is not None
@@ -192,7 +192,7 @@ def test_near_cases_share_their_waters_and_far_ones_do_not(tmp_path: Path) -> No
         (-179.2, -40.2),
         (-60.0, 4.4),
     ]
-    found = shared_forcing.divide([case(tmp_path, *place) for place in places], {})
+    found = shared_forcing.share_regions([case(tmp_path, *place) for place in places], {})
     numbers = [next(k for k, one in enumerate(found) if one is own) for own in found]
     assert numbers == [0, 0, 2, 0, 2, 5]
     assert found[2].box.east > 180
@@ -210,7 +210,7 @@ def test_parts_that_were_asked_for_last_are_kept(monkeypatch: pytest.MonkeyPatch
         "part_of_source",
         lambda source, box: (made.append(box), cut(source, box))[1],
     )
-    shared = Waters(Box(-90.0, 26.0, -86.0, 29.0), Files(held()))
+    shared = SharedRegion(Box(-90.0, 26.0, -86.0, 29.0), Files(held()))
     a, b, c = (Box(-89.0 + k, 26.2 + 0.3 * k, -88.2 + k, 27.1 + 0.3 * k) for k in range(3))
     for box in (a, b, a, c, a, b):
         part = shared.source(replace(SPEC, name="mine"), box)

@@ -160,11 +160,13 @@ def _forcing_errors(
     if not scenarios:  # the scenarios are invalid, so the sources they use are unknown
         return current, wind
     with wrong.gathered():
-        reason = uncertainty.silent(forcing["current"], [s.sources["current"] for s in scenarios])
+        reason = uncertainty.why_no_default(
+            forcing["current"], [s.sources["current"] for s in scenarios]
+        )
         current = uncertainty.error(stated.current, uncertainty.CURRENT, reason, "current")
         if table.spill:
-            current = uncertainty.in_spill(current, stated.current, table.spill.current_bias)
-        reason = uncertainty.silent(forcing["wind"], [s.sources["wind"] for s in scenarios])
+            current = uncertainty.with_spill_bias(current, stated.current, table.spill.current_bias)
+        reason = uncertainty.why_no_default(forcing["wind"], [s.sources["wind"] for s in scenarios])
         drifters = [s.object for s in scenarios] + [
             c.drifter for c in contacts if c.drifter is not None
         ]
@@ -348,7 +350,7 @@ def _outputs(
     seen = (
         [find.time for find in spill.finds if find.at_sea]
         if spill
-        else plan_table.times(search.sorties, search.contacts) + search.sensors.times
+        else plan_table.map_times(search.sorties, search.contacts) + search.sensors.times
     )
     sign = 1 if end > start else -1
     asked: list[np.datetime64] = []

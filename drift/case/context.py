@@ -38,9 +38,9 @@ class Run:
             )
 
 
-def named(given: Sequence[str | None], what: str) -> list[str]:
+def unique_names(given: Sequence[str | None], what: str) -> list[str]:
     """Return the names of tables as `numbered` does; raise UserError for a duplicate name."""
-    names = numbered(given, what)
+    names = default_names(given, what)
     again = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     if again:
         raise UserError(
@@ -49,7 +49,7 @@ def named(given: Sequence[str | None], what: str) -> list[str]:
     return names
 
 
-def numbered(given: Sequence[str | None], what: str) -> list[str]:
+def default_names(given: Sequence[str | None], what: str) -> list[str]:
     """Return the names of tables; a table without a name gets its kind and number: "sortie 2".
 
     Args:
@@ -75,8 +75,8 @@ def build_each(
     """
     wrong, records = Mistakes(), []
     with wrong.gathered():
-        named(given, what)
-    for make, name in zip(makers, numbered(given, what), strict=True):
+        unique_names(given, what)
+    for make, name in zip(makers, default_names(given, what), strict=True):
         with wrong.gathered():
             records.append(_build_one(make, name, what, run))
     wrong.refuse()

@@ -154,18 +154,23 @@ def _validate(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> C
         case = build.build_case(
             CaseTable.model_validate(data, context={"whole": CaseTable}), path, text
         )
-        inputs = tuple(dict.fromkeys(_input_files(family.expanded(data), path.absolute().parent)))
+        inputs = tuple(
+            dict.fromkeys(_input_files(family.expand_families(data), path.absolute().parent))
+        )
         return replace(case, inputs=inputs, tables=data)
     except ValidationError as error:
         messages_of_case = (
             *messages.lines(error, _with_families(data)),
-            *rest.mistakes(data, error, path, text, CaseTable),
+            *rest.further_mistakes(data, error, path, text, CaseTable),
         )
         raise _error_of_case(
             path, (*_merge_family_mistakes(messages_of_case, data), *_source_mistakes(data, path))
         ) from None
     except UserError as error:
-        messages_of_case = (*error.lines, *rest.mistakes(data, error, path, text, CaseTable))
+        messages_of_case = (
+            *error.lines,
+            *rest.further_mistakes(data, error, path, text, CaseTable),
+        )
         raise _error_of_case(path, _merge_family_mistakes(messages_of_case, data)) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
@@ -174,7 +179,7 @@ def _validate(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> C
 def _with_families(data: dict[str, Any]) -> Any:
     """Return the tables with the scenarios of families added, so that messages can name these."""
     try:
-        return family.expanded(data)
+        return family.expand_families(data)
     except ValueError:  # already among the mistakes
         return data
 
@@ -228,14 +233,14 @@ def _input_files(node: Any, folder: Path, key: str = "") -> Iterator[str]:
         or (key == "motion" and node.endswith(".py"))
     ):
         yield from (
-            path for path in sources.matching(node, folder) if not sources.ADDRESS.match(path)
+            path for path in sources.matching_files(node, folder) if not sources.ADDRESS.match(path)
         )
 
 
 def _error_of_case(path: Path, lines: tuple[str, ...]) -> UserError:
     """Return the error of a case: its mistakes, one per line, each beginning with the file's
     name."""
-    return UserError(*(_one_line(path, line) for line in mistakes.shortened(lines)))
+    return UserError(*(_one_line(path, line) for line in mistakes.shorten_lines(lines)))
 
 
 def _one_line(path: Path, message: str) -> str:

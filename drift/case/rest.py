@@ -50,7 +50,7 @@ class Rest:
         return replace(self, data=kept, lacking=self.lacking | set(keys))
 
 
-def mistakes(
+def further_mistakes(
     data: Mapping[str, Any],
     refused: ValidationError | UserError,
     path: Path,
@@ -67,7 +67,9 @@ def mistakes(
         schema: class of the case's tables.
     """
     try:
-        rest = Rest(_name_tables(family.expanded(dict(data))), own=len(data.get("scenario", [])))
+        rest = Rest(
+            _name_tables(family.expand_families(dict(data))), own=len(data.get("scenario", []))
+        )
     except (ValueError, TypeError):  # already among the mistakes
         return []
     lines: list[str] = []

@@ -13,8 +13,8 @@ from drift.case.about import AboutTable
 from drift.case.expect import Expect
 from drift.case.forcing.sources import SourceTable
 from drift.case.forcing.uncertainty import Uncertainty, UncertaintyTable
-from drift.case.scenario.family import FamilyTable, expanded
-from drift.case.scenario.itinerary import shared
+from drift.case.scenario.family import FamilyTable, expand_families
+from drift.case.scenario.itinerary import insert_shared_tables
 from drift.case.scenario.scenario import ScenarioTable
 from drift.case.scenario.waypoints import VoyageTable
 from drift.case.search.barrier import BarrierTable, LineTable
@@ -281,7 +281,7 @@ class CaseTable(fields.Table):
     @classmethod
     def with_shared(cls, data: Any) -> Any:
         """Expand families to scenarios, and insert shared voyages and trackers where named."""
-        return shared(expanded(data))
+        return insert_shared_tables(expand_families(data))
 
     @field_validator("seed")
     @classmethod

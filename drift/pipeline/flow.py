@@ -50,10 +50,10 @@ from drift.pipeline.run_options import (
     Job,
     JobOptions,
     Options,
-    Report,
+    ProgressCallback,
     RunOptions,
-    in_turn,
     open_job,
+    serialized,
 )
 from drift.pipeline.run_setup import Setup, Start
 from drift.pipeline.shards import cluster, divide, fingerprint, shelf, spilled
@@ -65,7 +65,7 @@ from drift.spills.backtrack import backward
 from drift.spills.backtrack import chapter as backtrack_chapter
 from drift.spills.worlds import evidence, renewal
 from drift.spills.worlds.products import chapter as spill_chapter
-from drift.spills.worlds.renewal import Aftermath, Drifted
+from drift.spills.worlds.renewal import DriftedRun, SpillResult
 from drift.spills.worlds.strandings import Landings
 from drift.spills.worlds.worlds import Proposal, Worlds
 from geo.array import Array
@@ -97,7 +97,7 @@ def run(
 ) -> Result | None: ...
 
 
-@in_turn
+@serialized
 def run(
     case: Case,
     out: str | os.PathLike[str] | None = None,
@@ -138,9 +138,11 @@ def run(
         if shelf.unfinished(job.out):  # a run was killed between writing results and cleaning up
             shelf.clear(job.out, fingerprint.fingerprint_of(case, job.where, 1))
         return None
-    with kept(job) as made:  # the shards stay locked against other runs until results are written
+    with open_result(
+        job
+    ) as made:  # the shards stay locked against other runs until results are written
         result = replace(made, saved=_save)
-        write(result, job)
+        write_results(result, job)
     if job.out is not None:
         shelf.clear(job.out)
     return result
@@ -150,7 +152,9 @@ def open_run(case: Case, out: str | os.PathLike[str] | None, options: RunOptions
     """Return the job of a run: backend "auto" becomes that of an unfinished run to the same
     folder."""
     asked = Options(out, **options)
-    return open_job(case, replace(asked, backend=shelf.settled(asked.backend, out, asked.client)))
+    return open_job(
+        case, replace(asked, backend=shelf.resumed_backend(asked.backend, out, asked.client))
+    )
 
 
 def _holds_this_run(job: Job) -> bool:
@@ -159,7 +163,7 @@ def _holds_this_run(job: Job) -> bool:
     before = publication.summary(job.out, writer.SUMMARY)
     if before is None:
         return False
-    changed = run_metadata.changed(job.case, job.where, before)
+    changed = run_metadata.changed_inputs(job.case, job.where, before)
     if before.get(COMMAND) != "run":
         changed.append("the command")
     if changed:
@@ -172,33 +176,33 @@ def _holds_this_run(job: Job) -> bool:
 
 
 @dataclass(frozen=True)
-class Ended:
+class FinishedRun:
     """A simulated run before its products are made; particles are read from its snapshots."""
 
     setup: Setup
     snapshots: SnapshotStore
     updates: Updates | None = None
     posteriors: Posteriors | None = None
-    after: Aftermath | None = None
+    after: SpillResult | None = None
     begun: SearchStatus | None = None
 
 
 @dataclass(frozen=True)
-class Moved(Ended):
+class WholeRun(FinishedRun):
     """A simulated run in one piece, with the ensemble at its start and at its end."""
 
     begin: Start = field(kw_only=True)
-    done: Drifted = field(kw_only=True)
+    done: DriftedRun = field(kw_only=True)
 
 
-def forecasted(job: Job, noted: UpdateCallback | None = None) -> Result:
+def forecast_job(job: Job, noted: UpdateCallback | None = None) -> Result:
     """Return the forecast of a job's case; `noted` is the update callback of `simulate_run`."""
-    with kept(job, noted) as result:
+    with open_result(job, noted) as result:
         return result
 
 
 @contextlib.contextmanager
-def kept(job: Job, noted: UpdateCallback | None = None) -> Iterator[Result]:
+def open_result(job: Job, noted: UpdateCallback | None = None) -> Iterator[Result]:
     """Yield the forecast of a job's case; its particles can be read until the context closes."""
     many = _number_of_shards(job)
     with contextlib.ExitStack() as stack:
@@ -219,32 +223,41 @@ def _number_of_shards(job: Job) -> int:
     """Return the number of shards of a run: that of the unfinished run it resumes, if memory
     allows."""
     workers = None if job.client is None else cluster.workers_of(job.client)
-    many = divide.number(job.case, job.memory, job.shards, workers)
+    many = divide.number_of_shards(job.case, job.memory, job.shards, workers)
     if many > 1:
-        shelf.check_room(job.out, shelf.need(job.case, job.case.particles))
+        shelf.check_room(job.out, shelf.bytes_of_shards(job.case, job.case.particles))
     if job.shards or job.out is None or not shelf.unfinished(job.out):
         return many
-    before = shelf.begun(job.out, fingerprint.fingerprint_of(job.case, job.where, many)) or many
+    before = (
+        shelf.stored_shard_count(job.out, fingerprint.fingerprint_of(job.case, job.where, many))
+        or many
+    )
     return before if job.memory is None else max(before, many)
 
 
 def _simulate_in_shards(
     job: Job, many: int, stack: contextlib.ExitStack, noted: UpdateCallback | None
-) -> Ended:
+) -> FinishedRun:
     """Simulate a run in shards; its particles can be read until the stack closes."""
     with job.clock.phase("start"):
         mark = fingerprint.fingerprint_of(job.case, job.where, many)
         if job.client is not None:
             stack.callback(cluster.release, job.client)
-        deal = None if job.client is None else partial(cluster.begun, job.client, job.case, mark)
-        joined = divide.prepare(job.case, job.where, many, deal)
-    stack.enter_context(contextlib.closing(joined.setup.scene.forcing))
+        deal = (
+            None
+            if job.client is None
+            else partial(cluster.check_shard_starts, job.client, job.case, mark)
+        )
+        divided = divide.prepare(job.case, job.where, many, deal)
+    stack.enter_context(contextlib.closing(divided.setup.scene.forcing))
     with job.clock.phase("drift"):
-        done = stack.enter_context(shards_run.move_shards(job, joined, mark, noted))
-    return Ended(joined.setup, done.snapshots, done.updates, done.posteriors, begun=done.begun)
+        done = stack.enter_context(shards_run.move_shards(job, divided, mark, noted))
+    return FinishedRun(
+        divided.setup, done.snapshots, done.updates, done.posteriors, begun=done.begun
+    )
 
 
-def _simulate_spill_in_shards(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
+def _simulate_spill_in_shards(job: Job, many: int, stack: contextlib.ExitStack) -> FinishedRun:
     """Simulate a spill in shards and weight its worlds by the finds."""
     case, where = job.case, job.where
     with job.clock.phase("start"):
@@ -255,40 +268,42 @@ def _simulate_spill_in_shards(job: Job, many: int, stack: contextlib.ExitStack) 
         stack.callback(cluster.release, job.client)
     rounds = stack.enter_context(spilled.open_rounds(job, run))
 
-    def moved(drawn: Worlds, seed: int, number: int) -> Drifted:
+    def moved(drawn: Worlds, seed: int, number: int) -> DriftedRun:
         with job.clock.phase("drift"):
             drifted = rounds.moved(drawn, seed, number)
         stack.enter_context(drifted.snapshots)
         return drifted
 
-    def renewed(proposal: Proposal, number: int) -> Drifted:
+    def renewed(proposal: Proposal, number: int) -> DriftedRun:
         return moved(*run_setup.renewed(case, where, proposal, number), number)
 
     done, after = _weight_by_finds(job, stretches, moved(run.worlds, case.seed, 0), renewed)
-    return Ended(run.setup, done.snapshots, after=after)
+    return FinishedRun(run.setup, done.snapshots, after=after)
 
 
 def _weight_by_finds(
     job: Job,
     stretches: Segments | None,
-    first: Drifted,
-    renewed: Callable[[Proposal, int], Drifted],
-) -> tuple[Drifted, Aftermath]:
+    first: DriftedRun,
+    renewed: Callable[[Proposal, int], DriftedRun],
+) -> tuple[DriftedRun, SpillResult]:
     """Return the run and posterior of a spill after iterated importance sampling by its finds.
 
-    `renewed` simulates a new set of worlds; see `drift.spills.worlds.renewal.settle`.
+    `renewed` simulates a new set of worlds; see `drift.spills.worlds.renewal.iterate_importance_sampling`.
     """
     case, coast = job.case, job.where.coast
     assert case.spill is not None
     assert coast is not None
     assert stretches is not None
     with job.clock.phase("finds"):
-        return renewal.settle(case.period, case.spill, coast, stretches, first, renewed)
+        return renewal.iterate_importance_sampling(
+            case.period, case.spill, coast, stretches, first, renewed
+        )
 
 
 def simulate_run(
     job: Job, begin: Start, stack: contextlib.ExitStack, noted: UpdateCallback | None = None
-) -> Moved:
+) -> WholeRun:
     """Simulate a run in one piece.
 
     Args:
@@ -304,17 +319,19 @@ def simulate_run(
     (done, updates, posteriors), after = _simulate_ensemble(job, begin, stack, noted), None
     if case.spill:
 
-        def renewed(proposal: Proposal, number: int) -> Drifted:
+        def renewed(proposal: Proposal, number: int) -> DriftedRun:
             """Draw new worlds of a spill from a proposal and simulate their objects."""
             return _simulate_ensemble(
-                job, run_setup.renew(case, where, begin, proposal, number), stack
+                job, run_setup.restart_from_proposal(case, where, begin, proposal, number), stack
             )[0]
 
         done, after = _weight_by_finds(job, stretches, done, renewed)
-    return Moved(begin, done.snapshots, updates, posteriors, after, begun, begin=begin, done=done)
+    return WholeRun(
+        begin, done.snapshots, updates, posteriors, after, begun, begin=begin, done=done
+    )
 
 
-def build_result(job: Job, run: Ended) -> Result:
+def build_result(job: Job, run: FinishedRun) -> Result:
     """Return the forecast, tracks and summary of a simulated run while its particles are
     readable."""
     case, where, setup, snapshots = job.case, job.where, run.setup, run.snapshots
@@ -346,14 +363,17 @@ def build_result(job: Job, run: Ended) -> Result:
         summary |= renewal.summary_of_spill(after)
         # The map's effective sample is the same worlds: if they are few, one warning is enough.
         few = effective.Count(after.posterior.effective, what="worlds").few
-        summary["warnings"] = [*renewal.warnings(after), *([] if few else summary["warnings"])]
+        summary["warnings"] = [
+            *renewal.spill_warnings(after),
+            *([] if few else summary["warnings"]),
+        ]
     summary["warnings"] += environment.warnings(where)
     if updates is not None:
         summary |= {"search": search_tables.summary_of_search(updates)}
     if posteriors is not None:
         summary |= posterior_tables.summary(posteriors)
     on = run_metadata.with_coast(
-        run_metadata.setting(case, where, dataset.displayed_scenarios(forecast.data))
+        run_metadata.map_setting(case, where, dataset.displayed_scenarios(forecast.data))
     )
     flown = updates.sorties if updates else ()
     # Keep the sampled field, not the dataset: a dataset passed in by the caller can be freed.
@@ -380,7 +400,7 @@ def build_result(job: Job, run: Ended) -> Result:
     )
 
 
-def _results_by_member(names: Sequence[str], run: Ended) -> Members | None:
+def _results_by_member(names: Sequence[str], run: FinishedRun) -> Members | None:
     """Return the results by member of a forcing ensemble; None without an ensemble."""
     if not names:
         return None
@@ -407,7 +427,7 @@ def _overlay_flows(found: Mapping[str, Flow], time: Any) -> Any:
 def _initial_status(case: Case, ensemble: Ensemble) -> SearchStatus | None:
     """Return the search status before any sortie or contact; None if the case does not report
     it."""
-    if not run_setup.is_standing(case):
+    if not run_setup.reports_search_status(case):
         return None
     columns = {"log_weight": ensemble.log_weight.to_numpy(), "release": ensemble.release.to_numpy()}
     return account.initial_status(
@@ -417,7 +437,7 @@ def _initial_status(case: Case, ensemble: Ensemble) -> SearchStatus | None:
 
 def _simulate_ensemble(
     job: Job, begin: Start, stack: contextlib.ExitStack, noted: UpdateCallback | None = None
-) -> tuple[Drifted, Updates | None, Posteriors | None]:
+) -> tuple[DriftedRun, Updates | None, Posteriors | None]:
     """Simulate an ensemble; return the run, its search updates and its posteriors.
 
     Closes the forcing. Snapshots of the outputs can be read until the stack closes.
@@ -430,7 +450,7 @@ def _simulate_ensemble(
         )
         watch = landings.watch if landings and landings.refloats else None
         beliefs = run_setup.beliefs(case, begin)
-        search = run_setup.search(case, begin, beliefs, noted)
+        search = run_setup.build_search_filter(case, begin, beliefs, noted)
         moments = simulate.run(
             begin.ensemble,
             begin.scene,
@@ -452,11 +472,11 @@ def _simulate_ensemble(
         run_setup.check_end(
             case, job.where, begin, snapshots, search.unsearched if search else None
         )
-    done = Drifted(begin.ensemble.seed, snapshots, begin.worlds)
+    done = DriftedRun(begin.ensemble.seed, snapshots, begin.worlds)
     return done, search.updates if search else None, beliefs.posteriors if beliefs else None
 
 
-def write(
+def write_results(
     result: Result, job: Job, *, more: Sequence[OutputBundle] = (), planned: Planned | None = None
 ) -> None:
     """Write all output files of a forecast to the job's folder, if it has one: all files or none.
@@ -490,7 +510,7 @@ def _write(
     out: Path,
     *,
     overwrite: bool,
-    report: Report,
+    report: ProgressCallback,
     more: Sequence[OutputBundle] = (),
     planned: Planned | None = None,
 ) -> None:
@@ -505,11 +525,13 @@ def _write(
     # The writer adds run_id itself.
     facts = {name: words for name, words in on.imprint.attributes.items() if name != "run_id"}
     chapters = [
-        run_metadata.chapter(case, facts, {COMMAND: "plan" if more else "run", **result.summary})
+        run_metadata.metadata_bundle(
+            case, facts, {COMMAND: "plan" if more else "run", **result.summary}
+        )
     ]
     chapters.append(OutputBundle(leaves=(partial(_environment_items, result, on),)))
     if after is not None:
-        chapters.append(spill_chapter.chapter(spill_chapter.SpillOutputs(after, on)))
+        chapters.append(spill_chapter.spill_bundle(spill_chapter.SpillOutputs(after, on)))
     if updates is not None:
         # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
         search_matter = search_chapter.SearchOutputs(
@@ -525,10 +547,10 @@ def _write(
     if result.members is not None:
         chapters.append(by_member.chapter(result.members))
     chapters += more
-    if basis := suspension(result, planned):
+    if basis := suspension_basis(result, planned):
         lost = decision.off_map(result.forecast.data)
         suspend_matter = suspend_chapter.SuspensionOutputs(
-            basis, on.imprint, run_metadata.synthetic(case), lost
+            basis, on.imprint, run_metadata.has_synthetic_forcing(case), lost
         )
         chapters.append(suspend_chapter.suspension_bundle(suspend_matter))
     # Small maps omit legs and contacts, which would hide the map; sensor lines are few.
@@ -543,7 +565,7 @@ def _write(
         result.forecast, result.trajectories, mapped_at, result.overlays, sensors
     )
     chapters.insert(0, forecast_chapter.forecast_bundle(forecast_matter))
-    publish(out, chapters, failed, overwrite=overwrite, tell=partial(report, "write"))
+    publish_outputs(out, chapters, failed, overwrite=overwrite, tell=partial(report, "write"))
 
 
 def _environment_items(result: Result, on: Setting) -> list[Any]:
@@ -564,7 +586,7 @@ def _environment_items(result: Result, on: Setting) -> list[Any]:
     return [*begun, *ways, *flows]
 
 
-def publish(
+def publish_outputs(
     out: Path,
     chapters: Sequence[OutputBundle],
     on: Setting,
@@ -596,7 +618,7 @@ def publish(
     writer.write(out, [drawn], overwrite=overwrite, processes=runtime.threads(), tell=tell)
 
 
-def suspension(result: Result, planned: Planned | None = None) -> decision.Suspension | None:
+def suspension_basis(result: Result, planned: Planned | None = None) -> decision.Suspension | None:
     """Return the basis for a decision to suspend the search; `planned` are sorties not yet flown.
 
     None without sorties and survival times, and for a backward run.
@@ -609,7 +631,7 @@ def suspension(result: Result, planned: Planned | None = None) -> decision.Suspe
     )
 
 
-@in_turn
+@serialized
 def origin(
     case: Case,
     out: str | os.PathLike[str] | None = None,
@@ -646,19 +668,20 @@ def origin(
         ]
     with job.clock.phase("drift"):
         spec, cut = run_setup.ensemble_spec(case), run_setup.clock_spec(case)
-        release = backward.backward(
+        release = backward.estimate_origin(
             case.spill, spec, cut, where, segments, places, progress=partial(job.tell, "drift")
         )
     if job.out is not None:
         matter = backtrack_chapter.OriginOutputs(
-            release, case.spill.finds, run_metadata.setting(case, where)
+            release, case.spill.finds, run_metadata.map_setting(case, where)
         )
-        run = OutputBundle(facts=run_metadata.attributes(case, where))
+        run = OutputBundle(facts=run_metadata.file_attributes(case, where))
         end = OutputBundle(
-            {"wall_time_s": job.clock.seconds}, leaves=(lambda: [run_metadata.written(case)],)
+            {"wall_time_s": job.clock.seconds},
+            leaves=(lambda: [run_metadata.case_text_item(case)],),
         )
-        chapters = [run, backtrack_chapter.chapter(matter), end]
-        publish(
+        chapters = [run, backtrack_chapter.origin_bundle(matter), end]
+        publish_outputs(
             job.out,
             chapters,
             matter.setting,

@@ -21,8 +21,8 @@ from drift.engine.particles import snapshot
 from drift.forecast import build as forecast_build
 from drift.forecast.build import Forecast
 from drift.pipeline import run_setup
-from drift.pipeline.run_options import Report
-from drift.pipeline.shared_forcing import Waters, divide
+from drift.pipeline.run_options import ProgressCallback
+from drift.pipeline.shared_forcing import SharedRegion, share_regions
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
@@ -71,7 +71,7 @@ def run_many(
     threads: int | None = None,
     backend: str = "cpu",
     maps: Maps = False,
-    report: Report | None = None,
+    report: ProgressCallback | None = None,
 ) -> Iterator[Brief]:
     """Yield the forecasts of cases in their order, each as soon as it is made.
 
@@ -114,10 +114,10 @@ def run_many(
 
 
 def _yield_forecasts(
-    cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: Report
+    cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: ProgressCallback
 ) -> Iterator[Brief]:
     # reversed for pop(): a region is freed after its last case
-    shared = divide(cases, datasets)[::-1]
+    shared = share_regions(cases, datasets)[::-1]
     # forecasts whose maps are being made while the next one drifts
     before: list[Future[Brief]] = []
     with ThreadPoolExecutor(AHEAD, "maps") as pool:
@@ -155,7 +155,7 @@ def _rejected(case: Case, error: UserError) -> Brief:
 
 
 def _forecast(
-    case: Case, datasets: Mapping[str, Any], waters: Waters, maps: Maps
+    case: Case, datasets: Mapping[str, Any], waters: SharedRegion, maps: Maps
 ) -> tuple[Brief, Callable[[], Forecast] | None]:
     """Return the forecast of one case without maps, and a function that makes its maps."""
     if case.spill:
@@ -165,7 +165,10 @@ def _forecast(
     where = waters.open_for(case, datasets)
     begin = run_setup.prepare(case, where, waters.shore(where.coast))
     try:
-        search, outputs = run_setup.search(case, begin), case.period.seconds(case.outputs)
+        search, outputs = (
+            run_setup.build_search_filter(case, begin),
+            case.period.seconds(case.outputs),
+        )
         moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
         with SnapshotStore.of_run(case.period, begin.ensemble, moments, len(outputs)) as snapshots:
             run_setup.check_end(

@@ -33,7 +33,7 @@ from drift.forecast.tracks import Trajectories
 from drift.products.files import formats, units, writer
 from drift.products.maps.imprint import Setting
 from drift.spills.worlds.products import tables as washup_tables
-from drift.spills.worlds.renewal import Aftermath
+from drift.spills.worlds.renewal import SpillResult
 from geo import notation
 from geo.errors import UserError
 from geo.notation import NMI
@@ -65,7 +65,7 @@ class Result:
     setting: Setting  # title, attribution, land and marks of all its maps
     # overlays of the forecast map: drift.products.maps.overlay.AtTime
     overlays: tuple[Callable[[Any], Any], ...]
-    aftermath: Aftermath | None = None  # posterior of a spill: washup, finds, parameters
+    aftermath: SpillResult | None = None  # posterior of a spill: washup, finds, parameters
     updates: Updates | None = None  # effect of each sortie and contact
     # search status before the first update; None: no sorties, no survival times
     begun: SearchStatus | None = None
@@ -125,8 +125,8 @@ class Result:
         if self.members is not None:
             texts["members"] = by_member.csv(self.members, run)
         if self.washup is not None:
-            texts["washup"] = washup_tables.stretches(self.washup, run)
-            texts["totals"] = washup_tables.totals(self.washup, run)
+            texts["washup"] = washup_tables.washup_csv(self.washup, run)
+            texts["totals"] = washup_tables.totals_csv(self.washup, run)
         return {name: _parse_csv(text) for name, text in texts.items()}
 
     @property

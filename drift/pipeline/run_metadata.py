@@ -35,7 +35,7 @@ LAND = {  # effect of land on a target under way, by the case's key
 }
 
 
-def attributes(case: Case, where: Environment) -> dict[str, str]:
+def file_attributes(case: Case, where: Environment) -> dict[str, str]:
     """Return the attributes of every output file: case, seed, versions and forcing fingerprints."""
     return {
         "title": case.title,
@@ -45,14 +45,16 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
         **runtime.about(),
         "forcing": "; ".join(f"{s.quantity} {s.name}: {s.fingerprint}" for s in where.sources),
         "coast": where.coast.source if where.coast else "none",
-        "uncertainty": errors(case),
+        "uncertainty": describe_errors(case),
         "case": case.text,
         **case.about,
-        **({"caution": words} if (words := caution(case)) else {}),
+        **({"caution": words} if (words := caution_banner(case)) else {}),
     }
 
 
-def chapter(case: Case, facts: Mapping[str, str], numbers: Mapping[str, Any]) -> OutputBundle:
+def metadata_bundle(
+    case: Case, facts: Mapping[str, str], numbers: Mapping[str, Any]
+) -> OutputBundle:
     """Return the output bundle of a run's metadata.
 
     Args:
@@ -87,16 +89,16 @@ def _report_items(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
         leaves.table_leaf(
             "How the case was understood", [("", "What", "words"), ("", "How", "words")], rows=rows
         ),
-        written(case),
+        case_text_item(case),
     ]
 
 
-def written(case: Case) -> Leaf:
+def case_text_item(case: Case) -> Leaf:
     """Return the report's item with the text of the case."""
     return leaves.text_leaf("The case as it was written", words=case.text)
 
 
-def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setting:
+def map_setting(case: Case, where: Environment, shown: Shown | None = None) -> Setting:
     """Return the title, attribution, land, marks and lines of every map of a run.
 
     Args:
@@ -104,7 +106,7 @@ def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setti
         where: its environment.
         shown: scenarios whose starts are drawn; None: those with the highest prior probability.
     """
-    source = attributes(case, where)
+    source = file_attributes(case, where)
     known_as, short = (
         ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
     )
@@ -124,7 +126,7 @@ def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setti
             # The errors come first: without them an area means nothing.
             f"{_errors_sentence(source['uncertainty'])}{source['source']}, seed {source['seed']}",
             {**source, "run_id": formats.run_id(source)},
-            caution(case),
+            caution_banner(case),
         ),
         coastline.land_reader(where.coast, case.coast),
         marks,
@@ -155,7 +157,7 @@ def with_coast(on: Setting) -> Setting:
     )
 
 
-def changed(case: Case, where: Environment, before: Mapping[str, Any]) -> list[str]:
+def changed_inputs(case: Case, where: Environment, before: Mapping[str, Any]) -> list[str]:
     """Return the inputs of a run that differ from the summary of an earlier one.
 
     Args:
@@ -166,7 +168,7 @@ def changed(case: Case, where: Environment, before: Mapping[str, Any]) -> list[s
     Returns:
         Descriptions such as "the seed"; empty if `before` is the summary of exactly this run.
     """
-    of = attributes(case, where)
+    of = file_attributes(case, where)
     now: dict[str, Any] = {
         name: of.get(name) for name in ("case", "seed", "versions", "backend", "device", "coast")
     }
@@ -197,15 +199,15 @@ def _rows(value: Any) -> list[dict[str, Any]]:
     return [row for row in value if isinstance(row, dict)] if isinstance(value, list) else []
 
 
-def synthetic(case: Case) -> bool:
+def has_synthetic_forcing(case: Case) -> bool:
     """Return whether any wind or current of the case is an analytic field."""
     return any(spec.analytic is not None for spec in case.sources)
 
 
-def caution(case: Case) -> str:
+def caution_banner(case: Case) -> str:
     """Return the warning banner of every picture: synthetic forcing, or forcing errors set to
     zero."""
-    if synthetic(case):
+    if has_synthetic_forcing(case):
         return "SYNTHETIC wind or current: not for operations"
     felt = any(scenario.object.uses_wind for scenario in case.scenarios)
     return forcing_error.switched_off(case.current_error, case.wind_error if felt else None)
@@ -227,7 +229,7 @@ def drifts(case: Case) -> bool:
     )
 
 
-def errors(case: Case) -> str:
+def describe_errors(case: Case) -> str:
     """Return a line on the current and wind errors of a run and their source; "" if none is
     felt."""
     adrift = drifts(case)
@@ -254,7 +256,7 @@ def errors(case: Case) -> str:
     )
 
 
-def behaviour(case: Case) -> str:
+def describe_coast(case: Case) -> str:
     """Return a description of what happens to particles and targets at the coast."""
     coast = case.coast
     if coast.source == "none":
@@ -322,11 +324,11 @@ def summary_of_run(
             if setup.trial
             else None,
             "scheme": case.scheme,
-            "coast_behaviour": behaviour(case),
+            "coast_behaviour": describe_coast(case),
             **runtime.about(),
         },
         "uncertainty": {
-            "told": errors(case),
+            "told": describe_errors(case),
             **forcing_error.summary_of_errors(
                 case.current_error, case.wind_error, case.diffusivity, case.diffusivity_by
             ),

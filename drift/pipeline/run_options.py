@@ -26,7 +26,9 @@ from kernels.runtime import runtime
 
 P = ParamSpec("P")
 R = TypeVar("R")
-Report = Callable[[str, float], None]  # called with the phase of the run and its share done, 0 to 1
+ProgressCallback = Callable[
+    [str, float], None
+]  # called with the phase of the run and its share done, 0 to 1
 
 
 @dataclass
@@ -63,7 +65,7 @@ class JobOptions(TypedDict, total=False):
     threads: int | None
     backend: str
     overwrite: bool
-    report: Report | None
+    report: ProgressCallback | None
 
 
 class RunOptions(JobOptions, total=False):
@@ -92,7 +94,7 @@ class Options:
     threads: int | None = None
     backend: str = "cpu"
     overwrite: bool = False
-    report: Report | None = None
+    report: ProgressCallback | None = None
     memory: float | None = None
     shards: int | None = None
     client: Any = None
@@ -105,7 +107,7 @@ class Job:
     case: Case
     where: Environment
     clock: Stopwatch
-    tell: Report
+    tell: ProgressCallback
     out: Path | None  # None: results are returned, and not written
     overwrite: bool
     memory: float | None = None  # see Options
@@ -162,7 +164,7 @@ def _silent(phase: str, share: float) -> None:
     """Ignore the progress of a run."""
 
 
-def in_turn(function: Callable[P, R]) -> Callable[P, R]:
+def serialized(function: Callable[P, R]) -> Callable[P, R]:
     """Return the function with serialized calls: a call waits until no other thread runs a case.
 
     Signals interrupt the wait. A nested call from inside a run, for instance by its `report`, does

@@ -155,7 +155,7 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     _check_memory(case)
     spec = spec_of(case, where)
     shore = device_coast.upload(where.coast) if where.coast and not shore else shore
-    drawn_first = worlds(case, where) if case.spill else None
+    drawn_first = draw_prior_worlds(case, where) if case.spill else None
     if case.spill and drawn_first:
         ensemble = release.draw_release(
             case.spill, drawn_first, case.period, case.errors, shore, case.seed
@@ -164,13 +164,13 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     else:
         drawn = prior.draw_ensemble(spec, shore)
         ensemble, dry = drawn.ensemble, prior.shares_on_land(spec, drawn.tried, shore)
-    setup = staged(case, where, shore, ensemble, dry)
+    setup = build_setup(case, where, shore, ensemble, dry)
     with closed_on_failure(setup):
         lacks = lost.prior_without_forcing(where.box, ensemble, setup.scene, setup.clock)
         lost.check_prior(spec, where, case.max_lost, setup.scene, lacks)
         setup = replace(setup, guide=guide_of(case, where, setup))
         begun = Start(**vars(setup), ensemble=ensemble, worlds=drawn_first)
-        return guided(case, where, begun)
+        return apply_guide(case, where, begun)
 
 
 def lead_of(case: Case, where: Environment, setup: Setup) -> Lead:
@@ -187,7 +187,7 @@ def guide_of(case: Case, where: Environment, setup: Setup) -> Guide | None:
     return pilot.fit(lead_of(case, where, setup), case.contacts)
 
 
-def guided(case: Case, where: Environment, begin: Start) -> Start:
+def apply_guide(case: Case, where: Environment, begin: Start) -> Start:
     """Return a start whose particles are guided toward the finds of debris, if there is a guide."""
     if begin.guide is None:
         return begin
@@ -200,11 +200,11 @@ def guided(case: Case, where: Environment, begin: Start) -> Start:
     )
 
 
-def more_bytes(case: Case) -> int:
+def extra_bytes_per_particle(case: Case) -> int:
     """Return the bytes per particle for search, steering and debris, in addition to drifting."""
     debris = len({contact.drifter for contact in case.contacts} - {None})
     steers = any(scenario.itinerary for scenario in case.scenarios)
-    searched = SEARCHED + SORTIE * len(case.sorties) if is_searched(case) else 0
+    searched = SEARCHED + SORTIE * len(case.sorties) if is_weighted_by_evidence(case) else 0
     return searched + STEERING * steers + DEBRIS * debris + _listening(case)
 
 
@@ -223,7 +223,10 @@ def _listening(case: Case) -> int:
 
 
 def _check_memory(case: Case) -> None:
-    need, free = case.particles * (BYTES_PER_PARTICLE + more_bytes(case)), memory.free()
+    need, free = (
+        case.particles * (BYTES_PER_PARTICLE + extra_bytes_per_particle(case)),
+        memory.free(),
+    )
     remedy = "take fewer, or leave it to drift run to move them in shards that fit"
     if need > free:
         raise UserError(
@@ -232,17 +235,17 @@ def _check_memory(case: Case) -> None:
         )
     # querying the card takes as long as a small forecast, so only large runs do
     card = runtime.room() if need > devices.LEAST else None
-    refuse_beyond(card, case, case.particles, case.path.name, remedy)
+    check_array_size(card, case, case.particles, case.path.name, remedy)
 
 
 def bytes_on_card(case: Case) -> int:
     """Return the bytes on a graphics card per particle of the piece being moved."""
     # the search object and the classes of debris
     kinds = 1 + len({contact.drifter for contact in case.contacts} - {None})
-    return ON_CARD + more_bytes(case) + ASIDE * kinds * (case.coast.source != "none")
+    return ON_CARD + extra_bytes_per_particle(case) + ASIDE * kinds * (case.coast.source != "none")
 
 
-def refuse_beyond(card: int | None, case: Case, particles: int, what: str, remedy: str) -> None:
+def check_array_size(card: int | None, case: Case, particles: int, what: str, remedy: str) -> None:
     """Reject a piece with more particles than one array can index or the graphics card can hold.
 
     Args:
@@ -272,7 +275,7 @@ def refuse_beyond(card: int | None, case: Case, particles: int, what: str, remed
         )
 
 
-def worlds(case: Case, where: Environment) -> Worlds:
+def draw_prior_worlds(case: Case, where: Environment) -> Worlds:
     """Return the worlds of a spill, drawn from their prior."""
     assert case.spill is not None
     assert where.coast is not None  # environment.open_for
@@ -281,7 +284,7 @@ def worlds(case: Case, where: Environment) -> Worlds:
     )
 
 
-def staged(
+def build_setup(
     case: Case,
     where: Environment,
     shore: device_coast.DeviceCoast | None,
@@ -301,7 +304,7 @@ def staged(
             some,
             scene,
             anew,
-            is_told(case),
+            needs_whole_ensemble(case),
         )
     except BaseException:
         scene.forcing.close()
@@ -350,10 +353,12 @@ def stretches(case: Case, where: Environment, drawn: Worlds | None) -> Segments 
     """
     if not (case.spill and where.coast and drawn):
         return None
-    return renewal.stretches(case.period, case.spill, where.coast, drawn)
+    return renewal.stretches_of_spill(case.period, case.spill, where.coast, drawn)
 
 
-def renew(case: Case, where: Environment, before: Start, proposal: Proposal, number: int) -> Start:
+def restart_from_proposal(
+    case: Case, where: Environment, before: Start, proposal: Proposal, number: int
+) -> Start:
     """Return the start of a spill in new worlds drawn from a proposal.
 
     Args:
@@ -394,7 +399,7 @@ def beliefs(case: Case, begin: Start) -> Beliefs | None:
 
     None without itineraries and observations.
     """
-    if not is_believed(case):
+    if not reports_posteriors(case):
         return None
     first = Columns.held(
         begin.ensemble.blocks, {"log_weight": begin.ensemble.log_weight.to_numpy()}
@@ -402,7 +407,7 @@ def beliefs(case: Case, begin: Start) -> Beliefs | None:
     return Beliefs(begin.spec, first, Particles(begin.spec, begin.ensemble, begin.scene.steering))
 
 
-def search(
+def build_search_filter(
     case: Case,
     begin: Start,
     beliefs: Beliefs | None = None,
@@ -421,7 +426,7 @@ def search(
         meeting: the reduction across the shards of the run; None: the run is in one piece.
         resumed: whether the filter goes on from a stored state, see `SearchFilter`.
     """
-    if not (is_searched(case) or case.sensors.lines):
+    if not (is_weighted_by_evidence(case) or case.sensors.lines):
         return None
     return SearchFilter(
         begin.spec,
@@ -431,14 +436,16 @@ def search(
         begin.ensemble,
         begin.scene,
         case.sensors,
-        noting(beliefs, noted),
+        combined_update_callback(beliefs, noted),
         (case.plan.begin,) if case.units else (),
         meeting,
         resumed,
     )
 
 
-def noting(beliefs: Beliefs | None, noted: UpdateCallback | None) -> UpdateCallback | None:
+def combined_update_callback(
+    beliefs: Beliefs | None, noted: UpdateCallback | None
+) -> UpdateCallback | None:
     """Return the update callback that records posteriors, then calls `noted`."""
     if beliefs is None:
         return noted
@@ -451,24 +458,29 @@ def noting(beliefs: Beliefs | None, noted: UpdateCallback | None) -> UpdateCallb
     return note
 
 
-def is_believed(case: Case) -> bool:
+def reports_posteriors(case: Case) -> bool:
     """Return whether posteriors of non-position variables are reported for a case."""
     steers = any(scenario.itinerary for scenario in case.scenarios)
-    return not case.spill and (steers or is_searched(case))
+    return not case.spill and (steers or is_weighted_by_evidence(case))
 
 
-def is_searched(case: Case) -> bool:
+def is_weighted_by_evidence(case: Case) -> bool:
     """Return whether any search or observation, negative ones included, weights the particles."""
     overdue = any(s.itinerary and s.itinerary.overdue is not None for s in case.scenarios)
     return bool(overdue or case.sorties or case.contacts or case.sensors.telling)
 
 
-def is_told(case: Case) -> bool:
+def needs_whole_ensemble(case: Case) -> bool:
     """Return True if any output needs a reduction over the whole ensemble."""
-    return is_searched(case) or bool(case.sensors.lines) or is_believed(case) or is_standing(case)
+    return (
+        is_weighted_by_evidence(case)
+        or bool(case.sensors.lines)
+        or reports_posteriors(case)
+        or reports_search_status(case)
+    )
 
 
-def is_standing(case: Case) -> bool:
+def reports_search_status(case: Case) -> bool:
     """Return True if search status is broken down by time adrift."""
     return not case.spill and bool(
         case.sorties or any(scenario.survival for scenario in case.scenarios)

@@ -64,7 +64,7 @@ class Files:
         return opened
 
 
-class Waters:
+class SharedRegion:
     """A region with the sources, slices, land and coast that its cases share."""
 
     def __init__(self, box: Box, files: Files) -> None:
@@ -126,7 +126,7 @@ class Waters:
         return self.box.grown(float(margin / np.cos(np.radians(highest))), margin)
 
 
-def divide(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Waters]:
+def share_regions(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[SharedRegion]:
     """Return the region of each case: neighbouring cases share one that is at most WIDEST."""
     files = Files(memory.wrap_datasets(datasets))
     boxes: list[Box] = []
@@ -142,7 +142,7 @@ def divide(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Waters]:
             k = len(boxes)
             boxes.append(own)
         number.append(k)
-    shared = [Waters(box, files) for box in boxes]
+    shared = [SharedRegion(box, files) for box in boxes]
     return [shared[k] for k in number]
 
 

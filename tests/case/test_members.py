@@ -97,7 +97,7 @@ def test_members_of_a_built_in_flow_add_to_its_parameters(tmp_path: Path) -> Non
         {"mean_east": 0.2, "speed": 0.1},
         {"mean_east": 0.2, "speed": 0.3},
     ]
-    assert run_metadata.synthetic(case)
+    assert run_metadata.has_synthetic_forcing(case)
     told = check.check(case)
     assert "speed = 0.1, speed = 0.3" in told["current current 1"]
     assert told["members"].startswith(
@@ -124,16 +124,16 @@ def test_the_spread_of_members_stands_for_the_default_error(tmp_path: Path) -> N
     assert silent.current_error.by[0] == MEMBERS
     assert (
         "no error of the current (the spread of its members represents it)"
-        in run_metadata.errors(silent)
+        in run_metadata.describe_errors(silent)
     )
-    assert not run_metadata.caution(silent)
+    assert not run_metadata.caution_banner(silent)
     stated = load(tmp_path, ocean, more='[uncertainty]\ncurrent = { std = "0.1 m/s" }')
     assert stated.current_error.std == pytest.approx(0.1)
-    assert run_metadata.errors(stated).endswith(
+    assert run_metadata.describe_errors(stated).endswith(
         "; added to the spread of the members of the current"
     )
     none = load(tmp_path, ocean, more='[uncertainty]\ncurrent = "none"')
-    assert run_metadata.caution(none) == "NO ERROR of current in this forecast"
+    assert run_metadata.caution_banner(none) == "NO ERROR of current in this forecast"
     one = load(tmp_path, ocean.replace("members = true", "variables = { number = 0 }"))
     assert one.current_error.by[0] == DEFAULT
     assert one.current_error.std == uncertainty.CURRENT.std

@@ -526,7 +526,7 @@ def test_shares_are_rounded_and_the_rest_is_shared(tmp_path: Path) -> None:
 def test_a_class_with_a_small_share_has_particles(tmp_path: Path) -> None:
     spill = case_file.load(written(tmp_path, classes=DRUM + BOX + "share = 0.001\n")).spill
     assert spill is not None
-    drums, boxes = release.per_world(spill)
+    drums, boxes = release.particles_per_class(spill)
     assert drums + boxes == spill.per_world
     assert boxes >= 5
 

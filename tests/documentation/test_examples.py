@@ -89,7 +89,7 @@ def test_tables_are_understood(page: Path) -> None:
     what it holds is taken there.
     """
     for block in tables(page):
-        parsed: dict[str, Any] = itinerary.shared(tomllib.loads(block.text))
+        parsed: dict[str, Any] = itinerary.insert_shared_tables(tomllib.loads(block.text))
         known = any(understood(parsed, model) for model in FILES) or is_catalogue(block.text)
         assert known, f"{name(page)}, line {block.line}"
 

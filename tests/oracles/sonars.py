@@ -340,7 +340,7 @@ def run(
     case = case_file.load(path)
     runtime.start()
     begun = run_setup.prepare(case, run_setup.open_for(case))
-    search = run_setup.search(case, begun)
+    search = run_setup.build_search_filter(case, begun)
     outputs = case.period.seconds(case.outputs)
     moments = list(simulate.run(begun.ensemble, begun.scene, begun.clock, outputs, search=search))
     begun.scene.forcing.close()

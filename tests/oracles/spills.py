@@ -123,7 +123,7 @@ def scattered(worlds: int, n: list[int], seed: int = 3) -> Fates:
 
 
 class Cut:
-    """Fates in parts, from one number of a world to the next: a drift.spills.worlds.fates.Source."""
+    """Fates in parts, from one number of a world to the next: a drift.spills.worlds.fates.FatesSource."""
 
     def __init__(self, fates: Fates, *edges: int) -> None:
         self._fates, self._edges = fates, edges

@@ -112,7 +112,7 @@ def believed(case: Case) -> tuple[Posteriors, run_setup.Start]:
     begin = run_setup.prepare(case, run_setup.open_for(case))
     held = run_setup.beliefs(case, begin)
     assert held is not None
-    search = run_setup.search(case, begin, held)
+    search = run_setup.build_search_filter(case, begin, held)
     list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([]), search=search))
     begin.scene.forcing.close()
     assert held.posteriors is not None

@@ -16,7 +16,7 @@ from drift.evidence.sensors.records import Processing, Sensor, Sonar, Tow
 from drift.evidence.suspend import alive
 from drift.forecast import likeliest
 from drift.pipeline import run_metadata, run_setup
-from drift.pipeline.run_options import in_turn
+from drift.pipeline.run_options import serialized
 from drift.spills.worlds import renewal
 from drift.spills.worlds.records import Spill
 from geo import notation
@@ -32,7 +32,7 @@ NAMED = 4  # most values on an axis of a scenario family that are all listed
 CHECKED = 10_000  # particles that a check draws
 
 
-@in_turn
+@serialized
 def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Report how a case is interpreted, after opening its inputs and drawing a few particles.
 
@@ -85,8 +85,8 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         "domain": _domain(case.domain, box),
         "work": work,
         "by the end": ends,
-        "errors": run_metadata.errors(case),
-        "coast": f"{environment.coast.source}; {run_metadata.behaviour(case)}"
+        "errors": run_metadata.describe_errors(case),
+        "coast": f"{environment.coast.source}; {run_metadata.describe_coast(case)}"
         if environment.coast
         else "none in the domain",
     }
@@ -420,7 +420,7 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
             if spill.reporting.until is not None
             else f"until {notation.format_dtg(last)}, the last find or patrol; set spill.reporting.until to change that"
         )
-    for patrol in renewal.patrols(spill, stretches):
+    for patrol in renewal.rows_of_patrols(spill, stretches):
         lines[f'patrol "{patrol["name"]}"'] = (
             f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
         )

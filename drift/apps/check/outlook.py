@@ -51,14 +51,15 @@ def work_in_words(case: Case, step: int, nodes: int = 0) -> str:
     text += f"; {case.outputs.size:,} output times"
     stored, shards = (
         case.outputs.size * case.particles * BYTES / 2**30,
-        divide.number(case, None, None),
+        divide.number_of_shards(case, None, None),
     )
     if shards > 1:
-        text += f", in {shards:,} shards, with {notation.format_bytes(shelf.need(case, case.particles))} next to the results"
+        text += f", in {shards:,} shards, with {notation.format_bytes(shelf.bytes_of_shards(case, case.particles))} next to the results"
     elif stored >= 1:
         text += f", {stored:,.0f} GiB in the temporary folder"
     memory = (
-        -(-case.particles // shards) * (run_setup.BYTES_PER_PARTICLE + run_setup.more_bytes(case))
+        -(-case.particles // shards)
+        * (run_setup.BYTES_PER_PARTICLE + run_setup.extra_bytes_per_particle(case))
         + nodes * BYTES_PER_NODE
     )
     return f"{text}; {max(memory / 2**30, 0.1):.1f} GiB of memory"
@@ -72,10 +73,10 @@ def shard_needs(case: Case, memory: float | None = None, shards: int | None = No
         memory: memory that the run may use [GiB]; None: chosen by drift.
         shards: number of shards; None: chosen by drift.
     """
-    count = divide.number(case, memory, shards)
+    count = divide.number_of_shards(case, memory, shards)
     if count == 1:
         return None
-    disk = notation.format_bytes(shelf.need(case, case.particles))
+    disk = notation.format_bytes(shelf.bytes_of_shards(case, case.particles))
     lasting = _duration_in_words(case.particles / PACE)
     return (
         f"{case.particles:,} particles are moved in {count:,} shards. They need {disk} of disk "

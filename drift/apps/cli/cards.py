@@ -27,7 +27,7 @@ def start_backend(args: argparse.Namespace, out: Path, particles: int, elsewhere
     why = ""
     if args.backend == runtime.AUTO and elsewhere:
         args.backend, why = "cpu", "workers move particles on processors"
-    elif (settled := shelf.settled(args.backend, out)) != args.backend:
+    elif (settled := shelf.resumed_backend(args.backend, out)) != args.backend:
         args.backend, why = settled, f"the unfinished run in {out} used it"
     if why and not args.quiet:
         print(f"drift: --backend auto takes {args.backend}: {why}", file=sys.stderr)

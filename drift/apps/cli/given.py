@@ -128,7 +128,7 @@ def drifter_reading_options(args: argparse.Namespace) -> dict[str, Any]:
     from drift.assess.verify import reading
 
     return {
-        "columns": reading.mapped(args.columns),
+        "columns": reading.parse_columns(args.columns),
         "gap": parse_positive_quantity(args.max_gap, "s", "--max-gap", "3 h"),
         "fastest": parse_positive_quantity(args.max_speed, "m/s", "--max-speed", "3 m/s"),
         "ends_aground": args.ends_aground,

@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> Answer:
         from drift.products.files import publication, writer
 
         options |= take.shard_options(args)
-        with cluster.connected(args.workers, args.cluster) as client:
+        with cluster.connect_to_cluster(args.workers, args.cluster) as client:
             result = flow.run(case, out, client=client, resume=args.resume, **options)
     if result is None:
         line = f"{out} holds the results of exactly this run: nothing to do"
@@ -80,7 +80,7 @@ def plan(args: argparse.Namespace) -> Answer:
         from drift.planning.search import planner
 
         options |= take.shard_options(args)
-        with cluster.connected(args.workers, args.cluster) as client:
+        with cluster.connect_to_cluster(args.workers, args.cluster) as client:
             if case.processing:
                 from drift.planning.arrays import placement_text, processing_plan, processing_text
 
@@ -147,7 +147,7 @@ def origin(args: argparse.Namespace) -> Answer:
         from drift.spills.backtrack import backward
 
         release = flow.origin(case, out, **options)
-    found, warnings = backward.summary(release), backward.warnings(release)
+    found, warnings = backward.summary_of_origin(release), backward.origin_warnings(release)
     numbers = {"origin": found, "warnings": list(warnings)}
     return Answer(case.title, outcome.origin(found, warnings), (f"Results in {out}",), numbers, out)
 
@@ -223,7 +223,7 @@ def check(args: argparse.Namespace) -> Answer:
     with interrupt.exit_on_signal():  # nothing is written
         from drift.case.tracking import tracking
 
-        if tracking.is_one(args.case):
+        if tracking.is_tracking_case(args.case):
             from drift.apps.cli import experiments
 
             return experiments.checked(args)

@@ -340,7 +340,7 @@ def spill(numbers: dict[str, Any]) -> Facts:
         if figure["expected"] >= 0.05:
             facts[fate] = _number(figure)
     for place in washup["worst_stretches"][:WORST]:
-        name = washup_tables.called(place["segment"], place["name"], place["position"])
+        name = washup_tables.stretch_name(place["segment"], place["name"], place["position"])
         facts[f"{place['rank']} {name}"] = (
             f"{place['number_10']:.0f} to {place['number_90']:.0f} ashore (10 to 90 %), {place['expected']:.1f} on average, "
             f"at least one {notation.percent(place['probability'])}, the first about {_group(place['first_50'])}"
@@ -348,14 +348,14 @@ def spill(numbers: dict[str, Any]) -> Facts:
         )
     if dense := washup["densest_stretches"][:DENSEST]:
         facts["most per km"] = "; ".join(
-            f"{washup_tables.called(place['segment'], place['name'], place['position'])} ({place['expected_per_km']:.2g} a km)"
+            f"{washup_tables.stretch_name(place['segment'], place['name'], place['position'])} ({place['expected_per_km']:.2g} a km)"
             for place in dense
         )
     for find in washup["finds"]:
         unlikely = "unlikely: check it, or set false = 0.1" if find["odd"] else "not unusual"
         facts[f'find {find["number"]} "{find["name"]}"'] = (
             f"{find['stretch']}: chance of a find here was {notation.percent(find['probability_beforehand'])}, "
-            f"{unlikely} ({notation.percent(find['tail'])} at places at most as likely); {verdict.ours(find)}"
+            f"{unlikely} ({notation.percent(find['tail'])} at places at most as likely); {verdict.false_find_in_words(find)}"
         )
     if washup["silence"]:
         facts["assumed"] = washup["silence"]

@@ -57,7 +57,7 @@ def question(
     when = _time(case, time, sortie, assumed)
     place, toward = _place(sensor, at, heading, sortie, when, assumed)
     try:
-        beam_numbers = sonar.beams(beams, sensor)
+        beam_numbers = sonar.beam_indices(beams, sensor)
     except ValueError as error:
         raise UserError(f"--beams: {error}") from None
     level = _level(case, sensor, scenario, speed, assumed)

@@ -34,7 +34,7 @@ FILES: dict[str, Callable[[ComparisonOutputs, Stamped], Contents]] = {
     "compare.csv": lambda outputs, stamped: text.comparison_csv(
         outputs.contrast, stamped["run_id"]
     ),
-    "compare.txt": lambda outputs, stamped: text.page(outputs.contrast),
+    "compare.txt": lambda outputs, stamped: text.comparison_page(outputs.contrast),
 }
 PICTURES: dict[str, Callable[[ComparisonOutputs, Path], None]] = {
     "compare.png": _plot,
@@ -43,8 +43,8 @@ PICTURES: dict[str, Callable[[ComparisonOutputs, Path], None]] = {
 
 def setting(found: Contrast, jobs: tuple[Job, Job]) -> Setting:
     """Return the map setting of a comparison; jobs: of A and of B."""
-    on = run_metadata.setting(jobs[0].case, jobs[0].where)
-    caution = run_metadata.caution(jobs[0].case) or run_metadata.caution(jobs[1].case)
+    on = run_metadata.map_setting(jobs[0].case, jobs[0].where)
+    caution = run_metadata.caution_banner(jobs[0].case) or run_metadata.caution_banner(jobs[1].case)
     imprint = replace(
         on.imprint, title=found.title, attributes=_attributes(found, jobs), caution=caution
     )
@@ -52,7 +52,7 @@ def setting(found: Contrast, jobs: tuple[Job, Job]) -> Setting:
 
 
 def _attributes(found: Contrast, jobs: tuple[Job, Job]) -> dict[str, str]:
-    a, b = (run_metadata.attributes(job.case, job.where) for job in jobs)
+    a, b = (run_metadata.file_attributes(job.case, job.where) for job in jobs)
     return {
         **a,
         "title": found.title,
@@ -64,7 +64,7 @@ def _attributes(found: Contrast, jobs: tuple[Job, Job]) -> dict[str, str]:
     }
 
 
-def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[OutputBundle]:
+def comparison_bundles(found: Contrast, jobs: tuple[Job, Job]) -> list[OutputBundle]:
     """Return the output bundle of a comparison; jobs: of A and of B."""
     outputs = ComparisonOutputs(found, setting(found, jobs))
     warnings = tuple(
@@ -78,7 +78,9 @@ def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[OutputBundle]:
         "b": found.b.summary,
         "warnings": list(warnings),
     }
-    leaves = (partial(_leaves, found, [run_metadata.setting(job.case, job.where) for job in jobs]),)
+    leaves = (
+        partial(_leaves, found, [run_metadata.map_setting(job.case, job.where) for job in jobs]),
+    )
     return [
         OutputBundle(
             numbers,

@@ -18,18 +18,25 @@ import numpy as np
 
 from drift.assess.compare import chapter, dataset, detection, figures, pairing, units, washup
 from drift.assess.compare.figures import Figures
-from drift.assess.compare.maps import Maps, maps
+from drift.assess.compare.maps import Maps, paired_maps
 from drift.assess.compare.record import Contrast
-from drift.assess.compare.units import Difference, Units
+from drift.assess.compare.units import Difference, SamplingUnits
 from drift.case.record import Case
 from drift.engine.motion import scene
 from drift.engine.particles.snapshot import Snapshot
 from drift.forecast import build as forecast_build
 from drift.forecast.build import Forecast
 from drift.pipeline import flow, run_setup
-from drift.pipeline.flow import Moved
+from drift.pipeline.flow import WholeRun
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, JobOptions, Options, Report, in_turn, open_job
+from drift.pipeline.run_options import (
+    Job,
+    JobOptions,
+    Options,
+    ProgressCallback,
+    open_job,
+    serialized,
+)
 from drift.pipeline.run_setup import Start
 from drift.planning.search import planner
 from drift.planning.search.records import Plan
@@ -38,7 +45,7 @@ from geo.array import Array
 from geo.cells import Cells
 
 
-@in_turn
+@serialized
 def compare(
     a: Case,
     b: Case,
@@ -73,7 +80,7 @@ def compare(
         writer.check_folder(
             Path(out), shared_options.overwrite, (*chapter.FILES, *chapter.PICTURES)
         )
-    case_a, case_b = pairing.paired(a, b)
+    case_a, case_b = pairing.pair_cases(a, b)
     for case in (case_a, case_b) if plan else ():
         planner.check(case)
 
@@ -93,13 +100,15 @@ def compare(
     job_a, job_b = job_of(case_a, "A"), job_of(case_b, "B")
     start_a, start_b, notes = _prepare_both(job_a, job_b)
     sampling_units = (
-        units.of_worlds(a.spill.worlds) if a.spill else units.of_particles(start_a.ensemble)
+        units.units_of_worlds(a.spill.worlds)
+        if a.spill
+        else units.units_of_particles(start_a.ensemble)
     )
-    logs = detection.Log(sampling_units), detection.Log(sampling_units)
+    logs = detection.SortieLog(sampling_units), detection.SortieLog(sampling_units)
     with contextlib.ExitStack() as stack:
         run_a = flow.simulate_run(job_a, start_a, stack, logs[0].note)
         run_b = flow.simulate_run(job_b, start_b, stack, logs[1].note)
-        times = pairing.common(case_a, case_b)
+        times = pairing.common_output_times(case_a, case_b)
         grid = a.grid or forecast_build.grid_of(
             [*_snapshots_at(run_a, times), *_snapshots_at(run_b, times)], len(case_a.scenarios)
         )
@@ -122,14 +131,16 @@ def compare(
     )
     if out is not None:
         job_a.tell("write", 0.0)
-        chapters = chapter.chapters(found, (job_a, job_b))
+        chapters = chapter.comparison_bundles(found, (job_a, job_b))
         setting, tell = chapter.setting(found, (job_a, job_b)), partial(job_a.tell, "write")
-        flow.publish(Path(out), chapters, setting, overwrite=shared_options.overwrite, tell=tell)
+        flow.publish_outputs(
+            Path(out), chapters, setting, overwrite=shared_options.overwrite, tell=tell
+        )
     return found
 
 
 def _plan_both(
-    job_a: Job, job_b: Job, step: int, sampling_units: Units
+    job_a: Job, job_b: Job, step: int, sampling_units: SamplingUnits
 ) -> tuple[tuple[Plan, Plan], list[Difference]]:
     """Plan the next search of both cases, and return the plans and the differences of their POS.
 
@@ -138,15 +149,15 @@ def _plan_both(
     """
 
     def plan_of(job: Job) -> tuple[Plan, Figures]:
-        log = detection.Log(sampling_units)
+        log = detection.SortieLog(sampling_units)
         found, _, _ = planner.scheme(replace(job, case=replace(job.case, step=step)), log.note)
-        return found, detection.of_plan(log, found)
+        return found, detection.pos_of_plan(log, found)
 
     (plan_a, a), (plan_b, b) = plan_of(job_a), plan_of(job_b)
     return (plan_a, plan_b), units.differences(job_a.case.plan.until, a, b, sampling_units)
 
 
-def _named_report(report: Report | None, name: str) -> Report | None:
+def _named_report(report: ProgressCallback | None, name: str) -> ProgressCallback | None:
     """Return a progress callback that adds the case's name to the phase."""
     return report and (lambda phase, share: report(f"{name}: {phase}", share))
 
@@ -191,20 +202,20 @@ def _prepare_both(job_a: Job, job_b: Job) -> tuple[Start, Start, list[str]]:
     return a, b, notes
 
 
-def _snapshots_at(run: Moved, times: list[np.datetime64]) -> list[Snapshot]:
+def _snapshots_at(run: WholeRun, times: list[np.datetime64]) -> list[Snapshot]:
     """Return the snapshots of a run at some of its output times."""
     spool = run.snapshots
     return [spool[k] for k in range(len(spool)) if spool.time(k) in times]
 
 
 def _differences_by_time(
-    run_a: Moved,
-    run_b: Moved,
+    run_a: WholeRun,
+    run_b: WholeRun,
     a: Result,
     b: Result,
     times: list[np.datetime64],
     grid: Cells,
-    sampling_units: Units,
+    sampling_units: SamplingUnits,
 ) -> tuple[list[Difference], list[Maps]]:
     """Return the differences of figures, and the maps, at each output that both runs have."""
     rows: list[Difference] = []
@@ -217,9 +228,9 @@ def _differences_by_time(
         at_time = a.forecast.data.isel(time=at_a.place)
         origin = float(at_time["mean_lon"]), float(at_time["mean_lat"])
         figures_a, figures_b = (
-            figures.shares(at.snapshot, names, sampling_units)
-            | figures.position(at.snapshot, sampling_units, origin)
-            | figures.areas(at.snapshot, at.forecast, at.place, sampling_units)
+            figures.status_shares(at.snapshot, names, sampling_units)
+            | figures.mean_position(at.snapshot, sampling_units, origin)
+            | figures.area_figures(at.snapshot, at.forecast, at.place, sampling_units)
             for at in (at_a, at_b)
         )
         rows += units.differences(time, figures_a, figures_b, sampling_units, figures.SHIFT)
@@ -227,7 +238,9 @@ def _differences_by_time(
             float(at.forecast.data["particles_per_kernel"].values[at.place]) for at in (at_a, at_b)
         ]
         width = float(np.nanmean(kernels)) if np.isfinite(kernels).any() else 1.0
-        pictures.append(maps(at_a.snapshot, at_b.snapshot, sampling_units, grid, land, width))
+        pictures.append(
+            paired_maps(at_a.snapshot, at_b.snapshot, sampling_units, grid, land, width)
+        )
     return rows, pictures
 
 
@@ -239,13 +252,13 @@ class _Output(NamedTuple):
     place: int  # index among the outputs of the run
 
 
-def _output_at(run: Moved, result: Result, time: np.datetime64) -> _Output:
+def _output_at(run: WholeRun, result: Result, time: np.datetime64) -> _Output:
     spool = run.snapshots
     place = next(k for k in range(len(spool)) if spool.time(k) == time)
     return _Output(spool[place], result.forecast, place)
 
 
-def _land_mask(run: Moved, grid: Cells) -> Array | None:
+def _land_mask(run: WholeRun, grid: Cells) -> Array | None:
     """Return which cells are land, bool (nlat, nlon); None if none is."""
     is_land: Callable[[Array, Array], Array] | None = scene.land_of(run.begin.scene)
     if is_land is None:
@@ -256,16 +269,19 @@ def _land_mask(run: Moved, grid: Cells) -> Array | None:
 
 
 def _differences_of_run(
-    run_a: Moved, run_b: Moved, logs: tuple[detection.Log, detection.Log], sampling_units: Units
+    run_a: WholeRun,
+    run_b: WholeRun,
+    logs: tuple[detection.SortieLog, detection.SortieLog],
+    sampling_units: SamplingUnits,
 ) -> list[Difference]:
     """Return the differences of figures of the whole run: POS of sorties, or objects ashore."""
     end = run_a.snapshots.time(len(run_a.snapshots) - 1)
     if run_a.after and run_b.after:
-        a = washup.figures(run_a.after, run_a.done.seed)
-        b = washup.figures(run_b.after, run_b.done.seed)
+        a = washup.washup_figures(run_a.after, run_a.done.seed)
+        b = washup.washup_figures(run_b.after, run_b.done.seed)
         both = (
-            washup.with_all(a, b, sampling_units.size),
-            washup.with_all(b, a, sampling_units.size),
+            washup.with_missing_as_zero(a, b, sampling_units.size),
+            washup.with_missing_as_zero(b, a, sampling_units.size),
         )
         rows = units.differences(end, both[0], both[1], sampling_units)
         return [rows[0], *sorted(rows[1:], key=lambda row: -abs(row.difference))] if rows else rows

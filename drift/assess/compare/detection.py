@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drift.assess.compare.figures import Figures
-from drift.assess.compare.units import Figure, Units
+from drift.assess.compare.units import Figure, SamplingUnits
 from drift.engine.particles import weights
 from drift.engine.particles.columns import Columns
 from drift.evidence.filter.updates import Update
@@ -13,10 +13,10 @@ from drift.planning.search.records import Plan
 
 
 @dataclass
-class Log:
+class SortieLog:
     """The sorties of a run: log probability that each fails, and each unit's influence on it."""
 
-    units: Units
+    units: SamplingUnits
     found: dict[str, Figure] = field(default_factory=dict)
 
     def note(self, update: Update, columns: Columns) -> None:
@@ -38,7 +38,7 @@ class Log:
         return found
 
 
-def of_plan(log: Log, plan: Plan) -> Figures:
+def pos_of_plan(log: SortieLog, plan: Plan) -> Figures:
     """Return the POS of a plan, from the log of the run that executed it without success."""
     return {
         ("POS of the next plan", "all", "1"): _pos(

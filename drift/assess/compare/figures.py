@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from drift.assess.compare.units import Figure, Units, summed
+from drift.assess.compare.units import Figure, SamplingUnits, sum_by_unit
 from drift.engine.particles.snapshot import Snapshot, mapped
 from drift.engine.particles.status import Status
 from drift.forecast import containment
@@ -17,13 +17,13 @@ SHIFT = ("mean, east", "mean, north")  # quantities relative to the mean positio
 Figures = dict[tuple[str, str, str], Figure]  # by quantity, name and unit
 
 
-def shares(snapshot: Snapshot, names: tuple[str, ...], units: Units) -> Figures:
+def status_shares(snapshot: Snapshot, names: tuple[str, ...], units: SamplingUnits) -> Figures:
     """Return the probability of each status, and of each of several scenarios (`names`)."""
     unit, p = units.of(snapshot), snapshot.probability
 
     def share(selected: Array) -> Figure:
         value = float(p[selected].sum())
-        return Figure(value, summed(unit, p * (selected - value), units))
+        return Figure(value, sum_by_unit(unit, p * (selected - value), units))
 
     found = {("status", s.name.lower(), "1"): share(snapshot.status == s) for s in Status}
     if len(names) > 1:
@@ -33,7 +33,7 @@ def shares(snapshot: Snapshot, names: tuple[str, ...], units: Units) -> Figures:
     return found
 
 
-def position(snapshot: Snapshot, units: Units, origin: tuple[float, float]) -> Figures:
+def mean_position(snapshot: Snapshot, units: SamplingUnits, origin: tuple[float, float]) -> Figures:
     """Return how far the mean position is east and north of an origin (lon, lat) [deg], in [m].
 
     It is the vector mean of the mapped particles. The influence of a particle is its share of the
@@ -52,13 +52,15 @@ def position(snapshot: Snapshot, units: Units, origin: tuple[float, float]) -> F
     scale = sphere.RADIUS / float(np.sqrt(total @ total))
     return {
         (name, "all", "m"): Figure(
-            float(apart), summed(unit, weight * (along @ vectors) * scale, units)
+            float(apart), sum_by_unit(unit, weight * (along @ vectors) * scale, units)
         )
         for name, apart, along in zip(SHIFT, away, (east, north), strict=True)
     }
 
 
-def areas(snapshot: Snapshot, forecast: Forecast, time: int, units: Units) -> Figures:
+def area_figures(
+    snapshot: Snapshot, forecast: Forecast, time: int, units: SamplingUnits
+) -> Figures:
     """Return the containment areas [m2] of the case's shares at an output (`time`: its index).
 
     The area of share s consists of the densest cells, cut at the density t where they hold s of the
@@ -83,7 +85,7 @@ def areas(snapshot: Snapshot, forecast: Forecast, time: int, units: Units) -> Fi
                 * (share - (inside <= share))
                 / (_edge_density(at, float(share)) / total)
             )
-            influence = summed(unit, pull, units)
+            influence = sum_by_unit(unit, pull, units)
         found["area", f"{notation.hundredths(share)} %", "m2"] = Figure(float(size), influence)
     return found
 

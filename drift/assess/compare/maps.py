@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.assess.compare.units import GROUPS, Units
+from drift.assess.compare.units import GROUPS, SamplingUnits
 from drift.engine.particles.snapshot import Snapshot, mapped
 from drift.engine.particles.status import Status
 from drift.forecast import areas
@@ -41,7 +41,7 @@ class _Deposit:
     total: Array  # (GROUPS,) probability of each group, mapped or not
 
 
-def _deposit(snapshot: Snapshot, units: Units, grid: Cells) -> _Deposit:
+def _deposit(snapshot: Snapshot, units: SamplingUnits, grid: Cells) -> _Deposit:
     group = units.group[units.of(snapshot)]
     cell = np.where(mapped(snapshot), cells.index_of_cells(snapshot.lon, snapshot.lat, grid), -1)
     on = cell >= 0
@@ -50,8 +50,13 @@ def _deposit(snapshot: Snapshot, units: Units, grid: Cells) -> _Deposit:
     return _Deposit(cell[on], medium, group[on], snapshot.probability[on], total)
 
 
-def maps(
-    a: Snapshot, b: Snapshot, units: Units, grid: Cells, land: Array | None, per_kernel: float
+def paired_maps(
+    a: Snapshot,
+    b: Snapshot,
+    units: SamplingUnits,
+    grid: Cells,
+    land: Array | None,
+    per_kernel: float,
 ) -> Maps:
     """Return the maps of two snapshots of the same time, whose particles come in pairs.
 

@@ -19,7 +19,7 @@ from geo.box import Box
 from geo.errors import UserError
 
 
-def paired(a: Case, b: Case) -> tuple[Case, Case]:
+def pair_cases(a: Case, b: Case) -> tuple[Case, Case]:
     """Return both cases with the slots, seed, areas and grid of the first.
 
     Raises:
@@ -29,7 +29,7 @@ def paired(a: Case, b: Case) -> tuple[Case, Case]:
     _raise_for(b, f"cannot run on the particles of {a.path.name}", _reasons_not_paired(a, b))
     b = replace(b, particles=a.particles, seed=a.seed, grid=a.grid, trajectories=a.trajectories)
     if a.spill and b.spill:
-        counts = release.per_world(a.spill)
+        counts = release.particles_per_class(a.spill)
         spill = replace(b.spill, worlds=a.spill.worlds, per_world=a.spill.per_world, counts=counts)
         # A common domain, so that the coast is cut into the same stretches.
         box = _box_around(
@@ -141,7 +141,7 @@ def _box_around(one: Box, other: Box) -> Box:
     return Box(start_of, south, start_of + east - low, north)
 
 
-def common(a: Case, b: Case) -> list[np.datetime64]:
+def common_output_times(a: Case, b: Case) -> list[np.datetime64]:
     """Return the output times that both cases have, in the order of the runs."""
     times = np.intersect1d(a.outputs, b.outputs)
     return list(times[:: a.direction])

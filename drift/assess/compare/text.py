@@ -155,7 +155,7 @@ def _shift(found: Contrast) -> str:
     )
 
 
-def page(found: Contrast) -> str:
+def comparison_page(found: Contrast) -> str:
     """Return all differences as a page of text."""
     lines = [found.title, ""]
     facts = comparison_facts(found)

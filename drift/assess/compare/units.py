@@ -28,7 +28,7 @@ GROUPS = 32
 
 
 @dataclass(frozen=True)
-class Units:
+class SamplingUnits:
     """The independent sampling units, (u,): initial particles, or the worlds of a spill."""
 
     stratum: Array  # (u,) int: units of one stratum have the same distribution
@@ -66,18 +66,18 @@ class Units:
         return np.asarray((np.arange(self.size) - first) % GROUPS)
 
 
-def of_particles(ensemble: Ensemble) -> Units:
+def units_of_particles(ensemble: Ensemble) -> SamplingUnits:
     """Return the units of an ensemble at its start."""
     stratum = np.repeat(np.arange(len(ensemble.scenarios)), np.diff(ensemble.bounds))
-    return Units(stratum, ensemble.log_weight.to_numpy() > -np.inf, worlds=False)
+    return SamplingUnits(stratum, ensemble.log_weight.to_numpy() > -np.inf, worlds=False)
 
 
-def of_worlds(many: int) -> Units:
+def units_of_worlds(many: int) -> SamplingUnits:
     """Return the units of a spill with `many` worlds."""
-    return Units(np.zeros(many, np.int64), np.ones(many, bool), worlds=True)
+    return SamplingUnits(np.zeros(many, np.int64), np.ones(many, bool), worlds=True)
 
 
-def summed(unit: Array, values: Array, units: Units) -> Array:
+def sum_by_unit(unit: Array, values: Array, units: SamplingUnits) -> Array:
     """Return the sums of particle values by unit, (u,).
 
     Args:
@@ -122,7 +122,7 @@ def differences(
     time: np.datetime64,
     a: dict[tuple[str, str, str], Figure],
     b: dict[tuple[str, str, str], Figure],
-    units: Units,
+    units: SamplingUnits,
     shifts: Sequence[str] = (),
 ) -> list[Difference]:
     """Return the differences of the figures that both runs have, by (quantity, name, unit).

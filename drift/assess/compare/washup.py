@@ -5,16 +5,16 @@ import numpy as np
 from drift.assess.compare.figures import Figures
 from drift.assess.compare.units import Figure
 from drift.spills.worlds import renewal, stretches
-from drift.spills.worlds.products.tables import called
+from drift.spills.worlds.products.tables import stretch_name
 from drift.spills.worlds.realisations import realise
-from drift.spills.worlds.renewal import Aftermath
+from drift.spills.worlds.renewal import SpillResult
 from geo import notation
 from geo.array import Array
 
 NOWHERE = 5e-4  # [objects] stretches are left out where neither run expects more
 
 
-def figures(after: Aftermath, seed: int) -> Figures:
+def washup_figures(after: SpillResult, seed: int) -> Figures:
     """Return the expected number of objects on each stretch at the end of the run, and on all.
 
     seed: of the run.
@@ -29,12 +29,12 @@ def figures(after: Aftermath, seed: int) -> Figures:
     }
     for segment, values in number.items():
         place = notation.position(float(segments.lon[segment]), float(segments.lat[segment])) or ""
-        name = called(segment, segments.name[segment], place)
+        name = stretch_name(segment, segments.name[segment], place)
         found["ashore", name, "objects"] = _mean(values, weight)
     return found
 
 
-def with_all(own: Figures, other: Figures, worlds: int) -> Figures:
+def with_missing_as_zero(own: Figures, other: Figures, worlds: int) -> Figures:
     """Return `own` with the figures that only `other` has, as 0.
 
     No object of the own run came to their stretches.
@@ -54,15 +54,17 @@ def _mean(values: Array, weight: Array) -> Figure:
     return Figure(mean, weight * (values - mean))
 
 
-def _numbers_by_stretch(after: Aftermath, seed: int) -> dict[int, Array]:
+def _numbers_by_stretch(after: SpillResult, seed: int) -> dict[int, Array]:
     """Return each world's number of objects, (W,), on each stretch that any touches, by stretch.
 
     It is the mean over the world's complete spills, as in washup.nc.
     """
     spill, last = after.spill, after.period.duration
     numbers: dict[int, Array] = {}
-    for fates, drawn in realise(after.fates, after.posterior, seed, renewal.spills(spill)):
-        clean, stays = stretches.settled(fates), fates.stays
+    for fates, drawn in realise(
+        after.fates, after.posterior, seed, renewal.spills_per_world(spill)
+    ):
+        clean, stays = stretches.consistent_times(fates), fates.stays
         lies = (clean["arrival"] <= last) & (clean["leave"] > last)
         stands = np.mean([realisation.stands for realisation in drawn], axis=0)
         slot, segment = stays.slot[lies], stays.segment[lies].astype(np.int64)

@@ -27,15 +27,15 @@ def _plot(outputs: ExperimentOutputs, path: Path) -> None:
 
 FILES: dict[str, Callable[[ExperimentOutputs, Stamped], Contents]] = {
     "experiment.csv": lambda outputs, stamped: text.experiment_table(outputs.found),
-    "experiment_runs.csv": lambda outputs, stamped: text.runs(outputs.found),
+    "experiment_runs.csv": lambda outputs, stamped: text.runs_csv(outputs.found),
 }
 TRACKING: dict[str, Callable[[ExperimentOutputs, Stamped], Contents]] = {  # of tracking cases
-    "experiment_times.csv": lambda outputs, stamped: text.times(outputs.found),
+    "experiment_times.csv": lambda outputs, stamped: text.curves_csv(outputs.found),
 }
 PICTURES: dict[str, Callable[[ExperimentOutputs, Path], None]] = {"experiment.png": _plot}
 
 
-def chapter(outputs: ExperimentOutputs, attributes: dict[str, str]) -> OutputBundle:
+def experiment_bundle(outputs: ExperimentOutputs, attributes: dict[str, str]) -> OutputBundle:
     """Return the output files of an experiment; `attributes` are its provenance texts by name."""
     numbers = {"experiment": text.summary_of_experiment(outputs.found)}
     files = {**FILES, **(TRACKING if outputs.found.tracking is not None else {})}

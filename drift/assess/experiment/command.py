@@ -73,7 +73,7 @@ def experiment(
     if folder is not None:
         writer.check_folder(folder, overwrite, (*chapter.FILES, *chapter.PICTURES))
     changes = dict(changes or {})
-    if tracking.is_one(name):
+    if tracking.is_tracking_case(name):
         if variants or figures:
             raise UserError(
                 "--with and --figure are for cases of drift run; a tracking case has [[method]] "
@@ -105,7 +105,7 @@ def experiment(
             study.files,
         )
     else:
-        found = ordinary.run(
+        found = ordinary.run_variants(
             name,
             changes,
             variants or {},
@@ -137,5 +137,7 @@ def _write(found: Experiment, out: Path, overwrite: bool) -> None:
         {**attributes, "run_id": formats.run_id(attributes)},
     )
     writer.write(
-        out, [chapter.chapter(ExperimentOutputs(found, imprint), attributes)], overwrite=overwrite
+        out,
+        [chapter.experiment_bundle(ExperimentOutputs(found, imprint), attributes)],
+        overwrite=overwrite,
     )

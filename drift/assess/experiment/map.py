@@ -76,7 +76,7 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
             axes.text(
                 1.02,
                 k,
-                text.difference(figure, k),
+                text.difference_from_first(figure, k),
                 fontsize=8.5,
                 color=INK,
                 va="center",
@@ -99,7 +99,7 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
 
 def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Imprint) -> None:
     """Draw the errors of a tracking case over time, and how often areas hold the target."""
-    groups = text.alike(experiment, curves=True)
+    groups = text.groups_of_equal_ways(experiment, curves=True)
     met = next((figure for figure in outcome.figures if figure.name == MET), None)
     panels = len(outcome.curves) + (met is not None)
     over, under = 1.05, 0.75 + KEY * (len(groups) + 2)
@@ -144,7 +144,9 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
                 linewidth=0,
             )
             values = [
-                v for way in group if (v := text.published(experiment, way, curve.name)) is not None
+                v
+                for way in group
+                if (v := text.published_value(experiment, way, curve.name)) is not None
             ]
             if values:
                 axes.plot(
@@ -157,7 +159,7 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
                     clip_on=False,
                 )
             if number == 0:
-                symbols.append((line, text.called(experiment, group)))
+                symbols.append((line, text.group_name(experiment, group)))
         axes.set_ylim(0, None if curve.right is None else 100)
         if curve.right is not None:
             axes.axhline(curve.right, color=GREY, linewidth=0.9, zorder=1)
@@ -184,7 +186,7 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
             for middle in [
                 v
                 for way in group
-                if (v := text.published(experiment, way, f"median {MET}")) is not None
+                if (v := text.published_value(experiment, way, f"median {MET}")) is not None
             ]:
                 axes.plot([middle], [50], marker="v", color=colour, markersize=6)
         axes.set_xlim(0, last)

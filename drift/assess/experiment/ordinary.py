@@ -23,7 +23,7 @@ USUAL = (
 NAMED = 8  # names of figures that an error message lists
 
 
-def run(
+def run_variants(
     name: str,
     changes: Mapping[str, str],
     variants: Mapping[str, Mapping[str, str]],

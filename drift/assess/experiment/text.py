@@ -15,7 +15,7 @@ from drift.tracking.tracker.figures import QUANTILES, Figure
 from drift.tracking.tracker.study import HELD, MET
 
 
-def alike(found: Experiment, curves: bool = False) -> list[list[int]]:
+def groups_of_equal_ways(found: Experiment, curves: bool = False) -> list[list[int]]:
     """Return groups of ways (by number) whose figures are equal to the last bit.
 
     With `curves`, their errors over time are equal too.
@@ -29,7 +29,7 @@ def alike(found: Experiment, curves: bool = False) -> list[list[int]]:
     return list(groups.values())
 
 
-def called(found: Experiment, group: list[int]) -> str:
+def group_name(found: Experiment, group: list[int]) -> str:
     """Return the common name of ways with equal results."""
     return "; ".join(found.ways[k] for k in group)
 
@@ -40,7 +40,7 @@ def experiment_facts(found: Experiment) -> Mapping[str, str]:
     A figure in brackets is the mean difference from the first way, run by run.
     """
     lines = {}
-    for group in alike(found):
+    for group in groups_of_equal_ways(found):
         parts = []
         for figure in found.figures:
             mean, error, missing = (
@@ -49,7 +49,7 @@ def experiment_facts(found: Experiment) -> Mapping[str, str]:
             if figure.name == HELD and mean == 100.0:
                 continue
             words = " ".join([figure.name, *_mean_and_error(mean, error), figure.unit]).rstrip()
-            if apart := difference(figure, group[0]):
+            if apart := difference_from_first(figure, group[0]):
                 words += f" ({apart})"
             # the mean depends on a few slow runs; it is undefined if a run never meets the criteria
             if figure.name == MET:
@@ -61,13 +61,13 @@ def experiment_facts(found: Experiment) -> Mapping[str, str]:
                 parts.append(words + f" (never in {missing} of {found.runs} runs)" * bool(missing))
                 continue
             parts.append(words + f" (none in {missing} runs)" * bool(missing))
-        lines[called(found, group)] = "; ".join(parts)
+        lines[group_name(found, group)] = "; ".join(parts)
     if len(lines) > 1:
         lines["in brackets"] = "the difference from the first, run by run"
     return lines
 
 
-def difference(figure: Figure, way: int) -> str:
+def difference_from_first(figure: Figure, way: int) -> str:
     """Return the mean difference of a figure from the first way, run by run, as text.
 
     It is "" for the first way itself, and where the difference is unknown.
@@ -92,7 +92,7 @@ def _mean_and_error(mean: float, error: float, sign: bool = False) -> tuple[str,
     return f"{mean:{plus},.{digits}f}", "+-", f"{error:,.{digits}f}"
 
 
-def published(found: Experiment, way: int, name: str) -> float | None:
+def published_value(found: Experiment, way: int, name: str) -> float | None:
     """Return the published value of a figure for a way; None if there is none."""
     return found.published.get(found.ways[way], {}).get(name)
 
@@ -121,14 +121,14 @@ def experiment_table(found: Experiment) -> str:
                     *(_cell_or_inf(value) for value in figure.quantiles()[way]),
                     int(figure.missing()[way]),
                     *(_cell(value[way]) for value in figure.difference()),
-                    published(found, way, figure.name),
-                    published(found, way, f"median {figure.name}"),
+                    published_value(found, way, figure.name),
+                    published_value(found, way, f"median {figure.name}"),
                 ]
             )
     return formats.csv_text(header, rows)
 
 
-def runs(found: Experiment) -> str:
+def runs_csv(found: Experiment) -> str:
     """Return the figures of each run as CSV."""
     header = [
         "way",
@@ -146,7 +146,7 @@ def runs(found: Experiment) -> str:
     return formats.csv_text(header, rows)
 
 
-def times(found: Experiment) -> str:
+def curves_csv(found: Experiment) -> str:
     """Return the mean and standard error of each curve at each time as CSV."""
     tracking = found.tracking
     assert tracking is not None
@@ -202,8 +202,8 @@ def summary_of_experiment(found: Experiment) -> dict[str, Any]:
                     f"{share:g}": _cell(value)
                     for share, value in zip(QUANTILES, figure.quantiles()[way], strict=True)
                 },
-                "published": published(found, way, figure.name),
-                "published_median": published(found, way, f"median {figure.name}"),
+                "published": published_value(found, way, figure.name),
+                "published_median": published_value(found, way, f"median {figure.name}"),
             }
             for way, name in enumerate(found.ways)
             for figure in found.figures

@@ -37,7 +37,7 @@ ELSEWHERE = ("sortie", "contact", "unit", "plan", "resampling", "expect", "find"
 
 
 @dataclass(frozen=True)
-class Ways:
+class Displacements:
     """Displacements of one drifter between consecutive fixes; each ends at one of its n fixes.
 
     step: time since the previous fix [s], (n,). fresh: whether a fix begins a stretch, so that no
@@ -59,7 +59,7 @@ class Ways:
 class Comparison:
     """The displacements of all drifters, and notes on those that could not be compared."""
 
-    ways: tuple[Ways, ...]
+    ways: tuple[Displacements, ...]
     notes: tuple[str, ...]
 
     @property
@@ -68,7 +68,7 @@ class Comparison:
         return all(way.wind is not None for way in self.ways)
 
 
-def compared(
+def compare_displacements(
     case: Case,
     tracks: Sequence[Track],
     columns: Mapping[str, str],
@@ -139,7 +139,7 @@ def compared(
         observed = np.concatenate([np.zeros((1, 2)), np.stack([east, north], axis=1)])
         observed, model = (np.where(fresh[:, None], 0.0, way) for way in (observed, model))
         wind = np.where(fresh[:, None], 0.0, parts["wind"]) if "wind" in parts else None
-        ways.append(Ways(track.name, track.time, step, fresh, observed, model, wind))
+        ways.append(Displacements(track.name, track.time, step, fresh, observed, model, wind))
     notes = []
     if cut:
         notes.append(
@@ -161,7 +161,7 @@ def compared(
     return Comparison(comparable, tuple(notes))
 
 
-def residuals(ways: Sequence[Ways], wind: bool) -> Tracks:
+def residuals(ways: Sequence[Displacements], wind: bool) -> Tracks:
     """Return how far drifters went beyond the model in each stretch, with regressors.
 
     Displacements are counted from the start of the stretch. The unknowns of the mean are windage
@@ -220,7 +220,7 @@ def _sampled(
     lon, lat = (
         sphere.to_binary(np.concatenate([position[k] for position in positions])) for k in (0, 1)
     )
-    environment = run_setup.open_for(over(case, tracks), datasets)
+    environment = run_setup.open_for(case_over_tracks(case, tracks), datasets)
     if environment.members:
         raise UserError(
             f"{case.path.name}: drifters are compared with one current and one wind, not with "
@@ -254,7 +254,7 @@ def _sampled(
     }
 
 
-def over(case: Case, tracks: Sequence[Track]) -> Case:
+def case_over_tracks(case: Case, tracks: Sequence[Track]) -> Case:
     """Return a case with the same sources over the tracks' time and place, without evidence."""
     first = min(track.time[0] for track in tracks)
     last = max(track.time[-1] for track in tracks)
@@ -273,7 +273,7 @@ def over(case: Case, tracks: Sequence[Track]) -> Case:
         "south": float(max(lat.min() - MARGIN, -90)),
         "north": float(min(lat.max() + MARGIN, 90)),
     }
-    scenario_table = scenario(case)
+    scenario_table = single_scenario(case)
     windy = bool(case.forcing["wind"])
     table = {key: scenario_table[key] for key in _keys() if key in scenario_table}
     table |= {"name": "drifters", "object": {"windage": 0.01} if windy else "water"}
@@ -326,7 +326,7 @@ def check_case(case: Case, columns: Mapping[str, str]) -> None:
             )
 
 
-def scenario(case: Case) -> Mapping[str, Any]:
+def single_scenario(case: Case) -> Mapping[str, Any]:
     """Return the scenario table of a case.
 
     Raises:

@@ -33,14 +33,16 @@ FILES: dict[str, Callable[[VerificationOutputs, Stamped], Contents]] = {
     "verify.csv": lambda outputs, stamped: verification_files.verification_csv(
         outputs.verification, stamped["run_id"]
     ),
-    "verify.nc": lambda outputs, stamped: verification_files.dataset(outputs.verification),
+    "verify.nc": lambda outputs, stamped: verification_files.verification_dataset(
+        outputs.verification
+    ),
 }
 PICTURES: dict[str, Callable[[VerificationOutputs, Path], None]] = {
     "verify.png": _plot,
 }
 
 
-def chapter(verification: Verification) -> OutputBundle:
+def verification_bundle(verification: Verification) -> OutputBundle:
     """Return the output bundle of a verification."""
     case = verification.case
     inputs = [run_metadata.input_file(path) for path in case.inputs]
@@ -52,7 +54,7 @@ def chapter(verification: Verification) -> OutputBundle:
         **runtime.about(),
         "forcing": "; ".join(f"{Path(given['path']).name}: {given['digest']}" for given in inputs),
         "coast": case.coast.source,
-        "uncertainty": verification_text.errors(verification),
+        "uncertainty": verification_text.assumed_errors(verification),
         "case": case.text,
     }
     footer = f"{attributes['source']}, seed {case.seed}, {attributes['uncertainty']}"

@@ -98,7 +98,7 @@ def _steps(std: Array, memory: Array, step: Array) -> tuple[Array, Array, Array,
     )
 
 
-def spread(law: Law, step: npt.ArrayLike) -> Array:
+def error_variance(law: Law, step: npt.ArrayLike) -> Array:
     """Return the variance [m2] of one component of the error over steps between two fixes.
 
     Args:

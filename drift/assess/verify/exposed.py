@@ -32,7 +32,7 @@ class Exposed:
     notes: tuple[str, ...]
 
 
-def exposed(stranded: Stranded, coast: Coast, gap: float) -> Exposed:
+def exposed_tracks(stranded: Stranded, coast: Coast, gap: float) -> Exposed:
     """Return the parts of tracks that are compared with a model.
 
     Fixes of drifters that have stopped are left out.
@@ -85,7 +85,7 @@ def _before_the_shore(
         np.concatenate([values[keep] for values, keep in zip(columns, before, strict=True)])
         for columns in ([track.lon for track in tracks], [track.lat for track in tracks])
     )
-    within = grounding.off_shore(coast, lon, lat, float(reach.max(initial=0.0))) <= reach
+    within = grounding.distance_from_shore(coast, lon, lat, float(reach.max(initial=0.0))) <= reach
     ends = np.cumsum([keep.size for keep in before])[:-1]
     kept = [
         keep[: int(np.argmax(near)) + 1] if near.any() else keep

@@ -112,7 +112,7 @@ def verification_csv(result: Verification, run: str) -> str:
     return formats.csv_text(header, rows)
 
 
-def dataset(result: Verification) -> xr.Dataset:
+def verification_dataset(result: Verification) -> xr.Dataset:
     """Return a verification as a dataset over forecast, hours after the start, and lead."""
 
     def hourly(values: Array, long_name: str, units: str) -> Variable:

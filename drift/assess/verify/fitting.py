@@ -19,11 +19,11 @@ import numpy as np
 from scipy import optimize, stats
 
 from drift.assess.verify import along, error_law, exposed, hold_out, reading, starts
-from drift.assess.verify.along import Ways
+from drift.assess.verify.along import Displacements
 from drift.assess.verify.error_law import NAMES, Law, Tracks
-from drift.assess.verify.hold_out import Held
+from drift.assess.verify.hold_out import HoldOut
 from drift.case.record import Case
-from drift.pipeline.run_options import in_turn
+from drift.pipeline.run_options import serialized
 from drift.tracking.tracks import records as drifter_records
 from drift.tracking.tracks.records import Track
 from geo.array import Array
@@ -87,7 +87,7 @@ class Fit:
     increments: int
     # (lags, 4): hours, correlation of the data, its standard error, correlation of the law
     correlation: Array
-    held: Held | None
+    held: HoldOut | None
     notes: tuple[str, ...]
 
     @property
@@ -101,7 +101,7 @@ class Fit:
         return math.sqrt(self.law.bias**2 + max(float(square), 0.0))
 
 
-@in_turn
+@serialized
 def fit_errors(
     case: Case,
     files: str | os.PathLike[str] | Sequence[Track],
@@ -156,12 +156,14 @@ def fit_errors(
     checked = drifter_records.believed(tracks, fastest)
     if not checked.tracks:
         raise UserError(f"--drifters: no track is left; {'; '.join(checked.notes)}")
-    usable = exposed.exposed(starts.strand(checked, case.coast, ends_aground), case.coast, gap)
+    usable = exposed.exposed_tracks(
+        starts.mark_stranded(checked, case.coast, ends_aground), case.coast, gap
+    )
     notes = (*checked.notes, *usable.notes)
     if not usable.tracks:
         raise UserError(f"--drifters: no track is left; {'; '.join(notes)}")
     runtime.start(backend, threads, sum(track.time.size for track in usable.tracks))
-    comparison = along.compared(case, usable.tracks, names, gap, fastest, datasets)
+    comparison = along.compare_displacements(case, usable.tracks, names, gap, fastest, datasets)
     tell("fit", 0.0)
     return fitted_errors(
         comparison.ways, comparison.wind, (*notes, *comparison.notes), held_out=held_out
@@ -181,7 +183,7 @@ def read_tracks(
 
 
 def fitted_errors(
-    ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out: bool = False
+    ways: Sequence[Displacements], wind: bool, notes: Sequence[str] = (), *, held_out: bool = False
 ) -> Fit:
     """Fit the error law to displacements; with `wind` windage too; held_out: as in `fit_errors`."""
     tracks = along.residuals(ways, wind)
@@ -194,7 +196,7 @@ def fitted_errors(
     if wind and not _wind_varies(tracks):
         return fitted_errors(ways, False, (*notes, ONE_WIND), held_out=held_out)
     free = _free(ways)
-    law, best = likeliest(tracks, free)
+    law, best = fit_law(tracks, free)
     parameters, clustered = _parameters(law, tracks, free, best.log)
     mean_error = _mean_errors(best, clustered)
     held = _held_out(ways, wind) if held_out else None
@@ -215,7 +217,7 @@ def fitted_errors(
     )
 
 
-def _free(ways: Sequence[Ways]) -> list[str]:
+def _free(ways: Sequence[Displacements]) -> list[str]:
     """Return the names of the parameters to fit; one drifter does not determine its bias.
 
     Its bias cannot be separated from the mean error.
@@ -244,12 +246,12 @@ def _parameters(
     return parameters, clustered
 
 
-def _held_out(ways: Sequence[Ways], wind: bool) -> Held:
+def _held_out(ways: Sequence[Displacements], wind: bool) -> HoldOut:
     """Return how well a law fitted to one half of the displacements suits the other.
 
     Raises UserError if a half is too small.
     """
-    halves = hold_out.split(ways)
+    halves = hold_out.split_halves(ways)
     if (
         min(along.residuals(half, wind).increments for half in (halves.fitted, halves.held))
         < FEWEST
@@ -258,8 +260,8 @@ def _held_out(ways: Sequence[Ways], wind: bool) -> Held:
             f"--hold-out: {halves.how} have fewer than {FEWEST} displacements between fixes; omit "
             "--hold-out, or give more tracks"
         )
-    law, best = likeliest(along.residuals(halves.fitted, wind), _free(halves.fitted))
-    return hold_out.tested(law, best, halves, wind)
+    law, best = fit_law(along.residuals(halves.fitted, wind), _free(halves.fitted))
+    return hold_out.score_hold_out(law, best, halves, wind)
 
 
 def _wind_varies(tracks: Tracks) -> bool:
@@ -271,7 +273,7 @@ def _wind_varies(tracks: Tracks) -> bool:
     return bool(np.linalg.cond(likelihood.covariance / np.outer(scale, scale)) < 1e6)
 
 
-def likeliest(
+def fit_law(
     tracks: Tracks,
     free: Sequence[str],
     begin: Law | None = None,
@@ -418,7 +420,7 @@ def _limit(law: Law, tracks: Tracks, free: Sequence[str], name: str, best: float
     low, high = math.log(max(getattr(law, name), BOUNDS[name][0])), math.log(BOUNDS[name][1])
 
     def drop(candidate: float) -> float:
-        _, profile = likeliest(tracks, free, law, {name: math.exp(candidate)})
+        _, profile = fit_law(tracks, free, law, {name: math.exp(candidate)})
         return best - profile.log - LIMIT
 
     point = low
@@ -430,7 +432,7 @@ def _limit(law: Law, tracks: Tracks, free: Sequence[str], name: str, best: float
     return math.inf
 
 
-def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Array:
+def _correlation(law: Law, mean: Array, ways: Sequence[Displacements], wind: bool) -> Array:
     """Return the autocorrelation of velocity errors by lag, (lags, 4).
 
     The columns are hours, correlation of the data, its standard error, correlation of the law.
@@ -443,7 +445,7 @@ def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Arr
     if not spans.size:
         return np.empty((0, 4))
     span = float(np.median(spans))
-    law_variance = float(error_law.spread(law, span)) / span**2
+    law_variance = float(error_law.error_variance(law, span)) / span**2
     variance = np.concatenate([(piece[1] ** 2).mean(axis=1) for piece in velocities]).mean()
     for lag in LAGS * 3600:
         if lag < 0.9 * span:
@@ -480,7 +482,7 @@ def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Arr
     return np.array(rows).reshape(-1, 4)
 
 
-def _velocities(way: Ways, mean: Array, wind: bool) -> tuple[Array, Array, Array]:
+def _velocities(way: Displacements, mean: Array, wind: bool) -> tuple[Array, Array, Array]:
     """Return midpoints [s], mean velocity errors (n, 2) [m/s] and durations [s] of pieces.
 
     The pieces of the track last about an hour or longer.

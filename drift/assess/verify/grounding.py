@@ -24,7 +24,9 @@ PARTS = 4
 METRES = np.radians(1.0) * sphere.RADIUS  # [m] of a degree of latitude
 
 
-def off_shore(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike, farthest: float) -> Array:
+def distance_from_shore(
+    coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike, farthest: float
+) -> Array:
     """Return the distance of places [deg], (n,), from a case's shore [m], (n,).
 
     It is 0 on land, and inf beyond `farthest` [m], or if the case has no coast.
@@ -82,4 +84,4 @@ def near_shore(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
     Raises:
         UserError: the shoreline cannot be read.
     """
-    return off_shore(coast, lon, lat, NEAR) <= NEAR
+    return distance_from_shore(coast, lon, lat, NEAR) <= NEAR

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drift.assess.verify import along, error_law
-from drift.assess.verify.along import Ways
+from drift.assess.verify.along import Displacements
 from drift.assess.verify.error_law import Law, Likelihood
 from drift.tracking.tracks import clusters
 from drift.tracking.tracks.clusters import Estimate
@@ -23,8 +23,8 @@ DAY = 86_400.0
 class Halves:
     """The displacements that are fitted, those held out, and how they were divided, in words."""
 
-    fitted: tuple[Ways, ...]
-    held: tuple[Ways, ...]
+    fitted: tuple[Displacements, ...]
+    held: tuple[Displacements, ...]
     how: str
 
 
@@ -38,7 +38,7 @@ class Coverage:
 
 
 @dataclass(frozen=True)
-class Held:
+class HoldOut:
     """How well a law fitted to one half suits both halves.
 
     own, other: log likelihood per increment of the fitted half and of the held-out half.
@@ -53,7 +53,7 @@ class Held:
     coverage: tuple[Coverage, ...]
 
 
-def split(ways: Sequence[Ways]) -> Halves:
+def split_halves(ways: Sequence[Displacements]) -> Halves:
     """Split displacements in halves: every other drifter, or every other block of days of one.
 
     Drifters are in the order of their first fixes.
@@ -69,7 +69,7 @@ def split(ways: Sequence[Ways]) -> Halves:
     return Halves((_part(way, block == 0),), (_part(way, block == 1),), how)
 
 
-def _part(way: Ways, keep: Array) -> Ways:
+def _part(way: Displacements, keep: Array) -> Displacements:
     """Return the displacements between kept fixes; omitted fixes begin a new stretch."""
     index = np.flatnonzero(keep)
     fresh = way.fresh[index] | (np.diff(index, prepend=-2) > 1)
@@ -78,17 +78,19 @@ def _part(way: Ways, keep: Array) -> Ways:
         np.where(fresh[:, None], 0.0, values[index]) for values in (way.observed, way.model)
     )
     wind = None if way.wind is None else np.where(fresh[:, None], 0.0, way.wind[index])
-    return Ways(way.name, time, np.diff(time, prepend=time[:1]), fresh, observed, model, wind)
+    return Displacements(
+        way.name, time, np.diff(time, prepend=time[:1]), fresh, observed, model, wind
+    )
 
 
-def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:
+def score_hold_out(law: Law, best: Likelihood, halves: Halves, wind: bool) -> HoldOut:
     """Return how a law fitted to one half, with its windage and mean error, suits both halves."""
     tracks = along.residuals(halves.held, wind)
     excess = tracks.data - tracks.regressors @ best.mean
     residual = replace(tracks, data=excess, regressors=tracks.regressors[..., :0])
     other = error_law.likelihood(law, residual)
     fitted = along.residuals(halves.fitted, wind)
-    return Held(
+    return HoldOut(
         halves.how,
         law,
         float(best.own.sum()) / max(fitted.increments, 1),
@@ -98,7 +100,7 @@ def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:
     )
 
 
-def coverage(law: Law, ways: Sequence[Ways], excess: Array) -> tuple[Coverage, ...]:
+def coverage(law: Law, ways: Sequence[Displacements], excess: Array) -> tuple[Coverage, ...]:
     """Return the coverage of consecutive displacements over each of LEADS.
 
     The ellipse of a bivariate normal with equal variances holds a share p within -2 log(1 - p)
@@ -125,7 +127,7 @@ def coverage(law: Law, ways: Sequence[Ways], excess: Array) -> tuple[Coverage, .
                     error = excess[number, k] - excess[number, begin]
                     square.append(
                         float(error @ error)
-                        / float(error_law.spread(law, way.time[k] - way.time[begin]))
+                        / float(error_law.error_variance(law, way.time[k] - way.time[begin]))
                     )
                     drifters.append(number)
                     days.append(int(way.time[begin] // DAY))

@@ -32,7 +32,7 @@ SHEET = Sheet(
 def plot_verification(result: Verification, path: Path, imprint: Imprint) -> None:
     """Draw a verification into a PNG."""
     on = sheet.begin_page(SHEET)
-    figure, doubt = on.figure, verification_text.doubt(result)
+    figure, doubt = on.figure, verification_text.doubts_about_errors(result)
     about = (
         "forecasts: "
         f"{verification_text.verification_facts(result)['forecasts']}{f'; {doubt}' if doubt else ''}"

@@ -420,7 +420,7 @@ def _seconds(column: xr.DataArray) -> Array:
     return np.where(np.isnat(moments), np.nan, moments.astype(np.int64) / 1e6)
 
 
-def mapped(text: str) -> Mapping[str, str]:
+def parse_columns(text: str) -> Mapping[str, str]:
     """Return {"current_east": "u", ..} from "current_east=u, ..".
 
     Raises:

@@ -97,7 +97,7 @@ class LeftOut:
         )
 
 
-def strand(believed: Believed, coast: Coast, ends_aground: bool = False) -> Stranded:
+def mark_stranded(believed: Believed, coast: Coast, ends_aground: bool = False) -> Stranded:
     """Return the tracks with the fixes aground on the case's shore, and those stopped elsewhere.
 
     Args:
@@ -124,7 +124,7 @@ def strand(believed: Believed, coast: Coast, ends_aground: bool = False) -> Stra
     stopped = tuple(mask & ~own for mask, own in zip(believed.aground, ashore, strict=True))
     if ends_aground:
         for own, elsewhere, near_end in zip(
-            ashore, stopped, ends_near(believed.tracks, coast), strict=True
+            ashore, stopped, end_near_shore(believed.tracks, coast), strict=True
         ):
             own[-1] |= near_end and not elsewhere[-1]
     return Stranded(believed.tracks, ashore, stopped)
@@ -141,7 +141,7 @@ def _briefly_ashore(tracks: Sequence[Track], coast: Coast) -> tuple[Array, ...]:
         )
         for columns in ([track.lon for track in tracks], [track.lat for track in tracks])
     )
-    beside = grounding.off_shore(coast, lon, lat, grounding.BESIDE) <= grounding.BESIDE
+    beside = grounding.distance_from_shore(coast, lon, lat, grounding.BESIDE) <= grounding.BESIDE
     parts = np.split(beside, np.cumsum([int(mask.sum()) for mask in still])[:-1])
     for mask, part in zip(still, parts, strict=True):
         mask[mask] = part
@@ -154,14 +154,14 @@ def _middle(track: Track, spell: slice) -> tuple[float, float]:
     return float(track.lon[middle]), float(track.lat[middle])
 
 
-def ends_near(tracks: Sequence[Track], coast: Coast) -> Array:
+def end_near_shore(tracks: Sequence[Track], coast: Coast) -> Array:
     """Return which tracks end near a case's shore."""
     return grounding.near_shore(
         coast, [track.lon[-1] for track in tracks], [track.lat[-1] for track in tracks]
     )
 
 
-def starts(
+def find_starts(
     stranded: Stranded, every: float, length: float, gap: float, fastest: float
 ) -> tuple[list[Start], LeftOut, list[int]]:
     """Return the starts of all forecasts, the starts left out, and tracks that end too early.
@@ -222,10 +222,10 @@ def known_starts(
     Raises:
         UserError: no start is left.
     """
-    found, left, ended_early = starts(stranded, every, length, gap, fastest)
+    found, left, ended_early = find_starts(stranded, every, length, gap, fastest)
     if ended_early:
         numbers, counts = np.unique(ended_early, return_counts=True)
-        near = ends_near([stranded.tracks[k] for k in numbers], coast)
+        near = end_near_shore([stranded.tracks[k] for k in numbers], coast)
         left.ended_near = int(counts[near].sum())
     notes += left.notes(gap)
     if not found:

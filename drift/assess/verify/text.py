@@ -44,16 +44,16 @@ def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
     )
 
 
-def sentence(result: Verification, lead: int, share: float) -> str:
+def coverage_sentence(result: Verification, lead: int, share: float) -> str:
     """Return as a sentence how often the area of a share held the drifter at a lead (index)."""
     held = result.held(lead, share)
     return (
-        f"after {result.leads[lead]:g} h the {100 * share:.0f} % area held {percent(held)} of "
+        f"after {result.leads[lead]:g} h the {100 * share:.0f} % area held {percent_with_error(held)} of "
         f"{held.count} positions: {verdict(share, held, float(result.lost.mean()))}"
     )
 
 
-def percent(held: Estimate) -> str:
+def percent_with_error(held: Estimate) -> str:
     """Return a share with its standard error, 84 % ± 4."""
     return f"{100 * held.mean:.0f} %{_more(100 * held.error, 0)}"
 
@@ -65,7 +65,7 @@ def _more(error: float, digits: int, scale: float = 1.0) -> str:
 
 def headline(result: Verification) -> str:
     """Return the sentence on the HEADLINE area at the longest lead."""
-    text = sentence(result, len(result.leads) - 1, verification.HEADLINE)
+    text = coverage_sentence(result, len(result.leads) - 1, verification.HEADLINE)
     return text[0].upper() + text[1:]
 
 
@@ -76,9 +76,9 @@ def verification_facts(result: Verification) -> Facts:
     lines = {
         "forecasts": f"{result.skill.size} of {result.hours[-1]:g} h, of {count} drifter{'s' if count > 1 else ''} "
         f"on {days} days{left_out(result)}",
-        "errors": errors(result),
+        "errors": assumed_errors(result),
     }
-    if doubts := doubt(result):
+    if doubts := doubts_about_errors(result):
         lines["standard errors"] = doubts
     lines["skill"] = (
         f"{skill.mean:.2f}{_more(skill.error, 2)}, median {np.median(result.skill):.2f} "
@@ -95,7 +95,7 @@ def verification_facts(result: Verification) -> Facts:
             f"{_rms(apart) / NMI:.1f}, of the particles {_rms(result.spread[:, column]) / NMI:.1f}"
         )
         lines[f"after {hours:g} h, held"] = ", ".join(
-            f"{100 * share:.0f} % area {percent(result.held(lead, share))}"
+            f"{100 * share:.0f} % area {percent_with_error(result.held(lead, share))}"
             for share in result.shares
         )
         if aground := _aground(result, column):
@@ -135,7 +135,7 @@ def _aground(result: Verification, column: int) -> str:
         return ""
     drifters = result.mean(result.aground[:, column], share=True)
     particles = 100 * float(result.ashore[:, column].mean())
-    return f"{percent(drifters)} of the drifters; {particles:.0f} % of the particles"
+    return f"{percent_with_error(drifters)} of the drifters; {particles:.0f} % of the particles"
 
 
 def left_out(result: Verification) -> str:
@@ -150,7 +150,7 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def errors(result: Verification) -> str:
+def assumed_errors(result: Verification) -> str:
     """Return the assumed errors of the forecasts in words."""
     case = result.case
     wind_error = case.wind_error if case.scenarios[0].object.uses_wind else None
@@ -160,7 +160,7 @@ def errors(result: Verification) -> str:
     return f"{text}; start {result.error:.0f} m (50 %); object {case.scenarios[0].object.name}"
 
 
-def doubt(result: Verification) -> str:
+def doubts_about_errors(result: Verification) -> str:
     """Return on how few drifters or days the standard errors rest; "" if these are enough."""
     drifters, days = len(result.names), int(np.unique(result.block).size)
     if drifters == 1:

@@ -23,7 +23,7 @@ from drift.case.record import Case
 from drift.engine.motion.forcing_error import NOWHERE, ForcingError
 from drift.engine.particles.status import Status, on_map
 from drift.pipeline import many
-from drift.pipeline.run_options import JobOptions, Options, in_turn
+from drift.pipeline.run_options import JobOptions, Options, serialized
 from drift.products.files import writer
 from drift.tracking.tracks import clusters
 from drift.tracking.tracks import records as drifter_records
@@ -121,7 +121,7 @@ class _Scores:
     lost: float
 
 
-@in_turn
+@serialized
 def verify(
     case: Case,
     files: str | os.PathLike[str] | Sequence[Track],
@@ -174,7 +174,7 @@ def verify(
     along.check_case(case, names)
     believed = drifter_records.believed(fitting.read_tracks(files, names), fastest)
     notes = list(believed.notes)
-    stranded = starts.strand(believed, case.coast, ends_aground)
+    stranded = starts.mark_stranded(believed, case.coast, ends_aground)
     start_list, left_out = starts.known_starts(
         stranded, case.coast, every, hours * 3600, gap, fastest, notes
     )
@@ -211,7 +211,9 @@ def verify(
     if target is not None:
         if shared_options.report:
             shared_options.report("write", 0.0)
-        writer.write(target, [chapter.chapter(result)], overwrite=shared_options.overwrite)
+        writer.write(
+            target, [chapter.verification_bundle(result)], overwrite=shared_options.overwrite
+        )
     return result
 
 
@@ -272,7 +274,7 @@ def _case(
     lon, lat = track.at(start)
     table = {
         k: v
-        for k, v in along.scenario(base).items()
+        for k, v in along.single_scenario(base).items()
         if k not in ("area", "trackline", "weight", "survival")
     }
     table["position"] = {"at": [float(lon), float(lat)], "error": error}

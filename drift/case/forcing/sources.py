@@ -317,7 +317,7 @@ class SourceTable(fields.Table):
                 raise ValueError(
                     f"{place}: {speed:.4g} m/s is too fast for a {QUANTITIES[quantity].spoken}; at most {ceiling:g} m/s"
                 )
-        entries = [tuple(matching(written, folder)) for written in self.files or ()]
+        entries = [tuple(matching_files(written, folder)) for written in self.files or ()]
         return ForcingSpec(
             name=self.name or f"{quantity} {number}",
             quantity=quantity,
@@ -394,7 +394,7 @@ def _report(rows: list[TimedVector], start: np.datetime64) -> Report:
     return Report(times, tuple(east for east, _ in vectors), tuple(north for _, north in vectors))
 
 
-def matching(written: str, folder: Path) -> list[str]:
+def matching_files(written: str, folder: Path) -> list[str]:
     """Return the files that a path or pattern matches, absolute and sorted.
 
     Args:
@@ -464,7 +464,7 @@ def one_file(name: str, folder: Path, place: str, allowed: str = "") -> str:
         UserError: no file or several files match.
     """
     try:
-        files = matching(name, folder)
+        files = matching_files(name, folder)
     except ValueError as error:
         raise UserError(f"{place}: {error}{allowed}") from None
     if len(files) != 1 or not Path(files[0]).is_file():

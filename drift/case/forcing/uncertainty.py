@@ -79,7 +79,7 @@ Uncertainty = Annotated[
 ]
 
 
-def silent(specs: Sequence[ForcingSpec], used: Sequence[Sequence[str]]) -> str:
+def why_no_default(specs: Sequence[ForcingSpec], used: Sequence[Sequence[str]]) -> str:
     """Return the reason why a quantity has no default error; "" if it has one.
 
     Args:
@@ -139,7 +139,7 @@ def error(
     return ForcingError(std, time, bias, (std_by, time_by, bias_by))
 
 
-def in_spill(
+def with_spill_bias(
     current: ForcingError, table: CurrentErrorTable | None, bias: float | None
 ) -> ForcingError:
     """Return the error of a spill's current, with the spill's own bias if it gives one.

@@ -299,7 +299,7 @@ class FamilyTable(fields.Table):
         }
 
 
-def expanded(data: Any) -> Any:
+def expand_families(data: Any) -> Any:
     """Return a case's tables with the scenarios of its families appended to its own.
 
     Invalid families are left unchanged; their validation reports them. Raises ValueError for too

@@ -19,7 +19,7 @@ from drift.case.tracking import tracker
 from drift.case.tracking.tracker import TrackerTable
 from drift.case.values import fields, units
 from drift.case.values.places import AreaTable
-from drift.case.values.spreads import Courses, Parts, Speeds, Time, begins
+from drift.case.values.spreads import Courses, Parts, Speeds, Time, start_distribution
 from drift.engine.motion.steering.itinerary import (
     Acts,
     Between,
@@ -127,7 +127,7 @@ def _followed(
     """Return the track of a tracker from the start to an end; reject one that does not cover it."""
     lasting = max(float((end - start) / np.timedelta64(1, "s")), 0.0)
     try:
-        way = tracker.way(table, None, start, lasting, folder)
+        way = tracker.tracker_path(table, None, start, lasting, folder)
         first, last = (
             start + np.timedelta64(round(time), "s") for time in (way.time[0], way.time[-1])
         )
@@ -174,7 +174,7 @@ class LoiterTable(WindowedTable):
         )
 
 
-def shared(data: Any) -> Any:
+def insert_shared_tables(data: Any) -> Any:
     """Insert the voyages and trackers that phases refer to by name, or by `like`, into the tables.
 
     Invalid tables are left unchanged; their validation reports them. Raises ValidationError with a
@@ -309,7 +309,7 @@ class DistressTable(fields.Table):
                 )
             return Part(self.part)
         assert self.between is not None
-        return Between(*begins(self.between, start))
+        return Between(*start_distribution(self.between, start))
 
 
 class VesselTable(fields.Table):

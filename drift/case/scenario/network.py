@@ -191,7 +191,7 @@ def read_network(path: str | Path) -> Chart:
             raise UserError("one of its whole numbers is too large") from None
     except UserError as error:
         raise UserError(
-            *(f'network "{path.name}": {line}' for line in mistakes.shortened(error.lines))
+            *(f'network "{path.name}": {line}' for line in mistakes.shorten_lines(error.lines))
         ) from None
     return Chart(table.network(), {area.name: tuple(area.corners()) for area in table.area})
 

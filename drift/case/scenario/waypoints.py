@@ -15,7 +15,7 @@ from drift.case.scenario.network import read_network
 from drift.case.scenario.route import AsGiven
 from drift.case.values import fields
 from drift.case.values.places import AreaTable, EllipseTable, ErrorTable
-from drift.case.values.spreads import AT_ONCE, Durations, Speeds, Time, Times, begins
+from drift.case.values.spreads import AT_ONCE, Durations, Speeds, Time, Times, start_distribution
 from drift.engine.motion.steering import lanes
 from drift.engine.motion.steering.itinerary import (
     NONE,
@@ -180,7 +180,7 @@ class TrackTable(BoundedTable):
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
         """Return the record."""
-        earliest, after = begins(self.start, start)
+        earliest, after = start_distribution(self.start, start)
         points = _way_points(self.points, None, start)
         _check_order(list(points), start, lambda seconds: f"after {seconds / 3600:g} h")
         self.in_time(points)
@@ -307,7 +307,7 @@ def _by_speed(
     points = [
         WayPoint(place, distance=float(far)) for place, far in zip(places, distance, strict=True)
     ]
-    return Ways(tuple(points), *begins(begin, start), speed=speed)
+    return Ways(tuple(points), *start_distribution(begin, start), speed=speed)
 
 
 def _way_points(

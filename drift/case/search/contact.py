@@ -108,7 +108,10 @@ class BearingTable(heard.BySensorTable):
             rows = (*rows, *((180 - angle, std) for angle, std in rows[-2::-1]))
         own, far = self.heard(run, turns=bool(rows)), math.inf if self.far is None else self.far
         if own is not None:
-            own, far = heard.sided(own, bearing, self.side), min(far, heard.reach(own.sensor))
+            own, far = (
+                heard.resolve_side(own, bearing, self.side),
+                min(far, heard.reach(own.sensor)),
+            )
         if far <= self.near:
             raise ValueError(
                 f'near: sensor "{self.sensor}" detects nothing beyond its reach of {far / NMI:.1f} nmi'
@@ -339,7 +342,7 @@ class ContactTable(fields.Table):
         if self.speed is not None:
             more |= {"speed": self.speed.value, "speed_std": self.speed.std}
         if own := more.get("heard"):
-            more["heard"] = heard.measured(own, self.received_level, self.frequency)
+            more["heard"] = heard.add_measurements(own, self.received_level, self.frequency)
         contact = Contact(
             name,
             time,

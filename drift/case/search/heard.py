@@ -171,7 +171,7 @@ class BySensorTable(fields.Table):
         """
         if self.sensor is None:
             return None
-        sensor = sonar.named(self.sensor, run)
+        sensor = sonar.sensor_named(self.sensor, run)
         if sensor.place is not None and (self.from_ is not None or self.heading is not None):
             raise ValueError(
                 f'sensor "{sensor.name}" has a fixed position (at in its table); leave from and heading out here'
@@ -184,12 +184,12 @@ class BySensorTable(fields.Table):
         if array and sensor.place is None and self.heading is None:
             raise ValueError(f'sensor "{sensor.name}" has an array: give its heading at the time')
         heading = sensor.heading if sensor.place is not None else math.radians(self.heading or 0.0)
-        return Heard(sensor, sonar.beams(self.beams, sensor), heading)
+        return Heard(sensor, sonar.beam_indices(self.beams, sensor), heading)
 
     def place(self, run: Run) -> tuple[float, float]:
         """Return the position (lon, lat) [deg] of the observer."""
         if self.sensor is not None:
-            own = sonar.named(self.sensor, run).place
+            own = sonar.sensor_named(self.sensor, run).place
             if own is not None:
                 return own
         assert self.from_ is not None
@@ -203,7 +203,7 @@ def reach(sensor: Sensor) -> float:
     return math.inf if ranges is None else float(ranges[-1])
 
 
-def sided(own: Heard, bearing: float, side: Side | None) -> Heard:
+def resolve_side(own: Heard, bearing: float, side: Side | None) -> Heard:
     """Return a measurement with its left-right ambiguity resolved by the side, if one is given.
 
     Args:
@@ -232,7 +232,9 @@ def sided(own: Heard, bearing: float, side: Side | None) -> Heard:
     return own
 
 
-def measured(own: Heard, level: LevelTable | None, frequency: FrequencyTable | None) -> Heard:
+def add_measurements(
+    own: Heard, level: LevelTable | None, frequency: FrequencyTable | None
+) -> Heard:
     """Add the measured level and frequency, if given, to a measurement.
 
     Args:

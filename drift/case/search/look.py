@@ -194,7 +194,7 @@ class LookTable(FieldTable):
                 "false_alarms = 1 reports something everywhere and is no evidence; leave the look out"
             )
         if self.sensor is not None:
-            return self._by_sensor(sonar.named(self.sensor, run), name, time, run)
+            return self._by_sensor(sonar.sensor_named(self.sensor, run), name, time, run)
         return Look(name, time, self.field(), self.sees == "something", self.law, self.false_alarms)
 
     def _by_sensor(self, sensor: Sensor, name: str, time: np.datetime64, run: Run) -> Look:
@@ -224,7 +224,7 @@ class LookTable(FieldTable):
             self.sees == "something",
             false_alarms=self.false_alarms,
             sensor=sensor,
-            beams=sonar.beams(self.beams, sensor),
+            beams=sonar.beam_indices(self.beams, sensor),
             place=place,
             heading=heading,
         )

@@ -278,7 +278,7 @@ def _share(shape: float) -> str:
     return "0" if math.isinf(shape) else f"{100 / math.sqrt(shape):.3g} %"
 
 
-def times(sorties: Sequence[Sortie], contacts: Sequence[Contact]) -> list[np.datetime64]:
+def map_times(sorties: Sequence[Sortie], contacts: Sequence[Contact]) -> list[np.datetime64]:
     """Return the times that get a map: each contact, and start, middle and end of each sortie."""
     moments = [contact.time for contact in contacts]
     for sortie in sorties:

@@ -250,7 +250,7 @@ class SensorTable(fields.Table):
         if isinstance(given, ConditionsTable):
             return tuple(self._tabulated(given, kind, speed, scenario) for scenario in scenarios)
         if isinstance(given, dict):
-            return by_scenario(given, scenarios, "sweep_width")
+            return values_by_scenario(given, scenarios, "sweep_width")
         if own is not None and not math.isclose(given, swept := own(self.law), rel_tol=0.02):
             raise ValueError(
                 f"sweep_width is {given / NMI:.3g} nmi, but the curve sweeps {swept / NMI:.3g} nmi (twice its "
@@ -332,7 +332,7 @@ class SensorTable(fields.Table):
             raise ValueError(f"sweep_width: {error}") from None
 
 
-def by_scenario(
+def values_by_scenario(
     given: dict[str, float], scenarios: Sequence[Scenario], key: str
 ) -> tuple[float, ...]:
     """Return the values of a table by scenario, in the order of the scenarios.

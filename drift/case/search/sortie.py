@@ -17,7 +17,7 @@ from drift.case.context import Run, build_each
 from drift.case.search import pattern as pattern_table
 from drift.case.search import track as track_table
 from drift.case.search.pattern import PatternTable, RegionTable, Spacing, Waypoints
-from drift.case.search.sensor import Kind, Pod, SensorTable, Zones, by_scenario
+from drift.case.search.sensor import Kind, Pod, SensorTable, Zones, values_by_scenario
 from drift.case.sonar import sonar as sonar_table
 from drift.case.values import fields, units
 from drift.case.values.mistakes import Mistakes
@@ -216,7 +216,9 @@ class SortieTable(SensorTable):
                 f"end {notation.format_dtg(end)} is not after start {notation.format_dtg(start)}"
             )
         sensor = (
-            sonar_table.named(self.watch.sensor, run) if self.watch and self.watch.sensor else None
+            sonar_table.sensor_named(self.watch.sensor, run)
+            if self.watch and self.watch.sensor
+            else None
         )
         area, legs = self._place(start, end, run, self._stands(sensor))
         begin, finish = self._times(start, end, legs)
@@ -262,7 +264,9 @@ class SortieTable(SensorTable):
             legs=legs,
             watch=self.watch.zones if self.watch else None,
             sensor=sensor,
-            beams=sonar_table.beams(self.watch.beams, sensor) if self.watch and sensor else (),
+            beams=sonar_table.beam_indices(self.watch.beams, sensor)
+            if self.watch and sensor
+            else (),
             completed=self.completed,
             ashore=self.ashore,
             speed=speed,
@@ -313,7 +317,7 @@ class SortieTable(SensorTable):
         since = None if start is None else float(notation.epoch(start))
         until = None if end is None else float(notation.epoch(end))
         if self.actual is not None:
-            legs = track_table.made_good(self.actual, "actual", self.speed, since, until, run)
+            legs = track_table.read_track(self.actual, "actual", self.speed, since, until, run)
             if self.pattern is None:
                 return self.area.area() if self.area else None, legs
             return self._planned(
@@ -323,7 +327,7 @@ class SortieTable(SensorTable):
             return self.area.area(), None
         if self.track is not None:
             return None, track_table.completed_share(
-                track_table.made_good(self.track, "track", self.speed, since, until, run),
+                track_table.read_track(self.track, "track", self.speed, since, until, run),
                 self.completed,
                 until,
             )
@@ -433,7 +437,7 @@ class SortieTable(SensorTable):
         assert area is not None
         if self.pod is not None:
             pods = (
-                by_scenario(self.pod, scenarios, "pod")
+                values_by_scenario(self.pod, scenarios, "pod")
                 if isinstance(self.pod, dict)
                 else (self.pod,) * len(scenarios)
             )
@@ -475,7 +479,7 @@ class SortieTable(SensorTable):
         marker = None
         if self.marker is not None:
             given = (self.marker.track, self.marker.positions)
-            marker = track_table.marker(*given, sortie.start, sortie.end, run)
+            marker = track_table.read_marker(*given, sortie.start, sortie.end, run)
         return replace(sortie, frame="datum", datum=datum, marker=marker)
 
 

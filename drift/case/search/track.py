@@ -25,7 +25,7 @@ SLACK = 1.0  # [s] allowed delay of legs: times are whole seconds
 FINEST = 25.0  # [m] finest tolerance when tracks are simplified
 
 
-def made_good(
+def read_track(
     given: Any, key: str, speed: float | None, since: float | None, until: float | None, run: Run
 ) -> Legs:
     """Return the legs of a track between the start and the end of a sortie.
@@ -88,7 +88,7 @@ def completed_share(legs: Legs, completed: float, until: float | None) -> Legs:
     return polyline.legs_between(done, done.time[0], until)
 
 
-def marker(
+def read_marker(
     track: str | None, positions: Any, start: np.datetime64, end: np.datetime64, run: Run
 ) -> Legs:
     """Return the track of a datum marker, which must cover a whole sortie.

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from drift.case.context import Run, named
+from drift.case.context import Run, unique_names
 from drift.case.search import track as track_table
 from drift.case.search.pattern import Waypoints
 from drift.case.sonar import sonar as sonar_table
@@ -59,7 +59,7 @@ class TowedTable(fields.Table):
 
     def listener(self, run: Run) -> Listener:
         """Return the record of the array; raise ValueError if it does not fit the run."""
-        sensor = sonar_table.named(self.sensor, run)
+        sensor = sonar_table.sensor_named(self.sensor, run)
         if sensor.place is not None:
             raise ValueError(
                 f'sensor "{sensor.name}" has a fixed position (at in its table); give only its name'
@@ -71,10 +71,10 @@ class TowedTable(fields.Table):
         )
         if self.track is not None:
             legs = polyline.thin_legs(
-                track_table.made_good(self.track, "track", self.speed, since, None, run), FINE
+                track_table.read_track(self.track, "track", self.speed, since, None, run), FINE
             )
         elif since is None:
-            legs = track_table.made_good(self.waypoints, "waypoints", None, None, None, run)
+            legs = track_table.read_track(self.waypoints, "waypoints", None, None, None, run)
         else:
             assert self.waypoints is not None
             assert self.speed is not None
@@ -225,7 +225,7 @@ class ProcessingTable(fields.Table):
         tables: Sequence[ProcessorTable] = self._each()
         serves, manned = [], []
         with wrong.gathered():
-            named([table.name for table in tables], "processor")
+            unique_names([table.name for table in tables], "processor")
         for table in tables:
             with wrong.gathered(f'{HERE}.processors "{table.name}"'):
                 serves.append(table.serves(listeners, [asked for asked, _ in found]))
@@ -281,7 +281,7 @@ class ProcessingTable(fields.Table):
                     f'no sensor "{name}" in {HERE}.sensors; there are: {", ".join(names)}'
                 )
         return tuple(
-            sonar_table.beams(self.today[listener.name], listener.sensor)
+            sonar_table.beam_indices(self.today[listener.name], listener.sensor)
             if self.today.get(listener.name)
             else ()
             for listener in listeners
@@ -300,7 +300,7 @@ def _arrays_of_entry(
     elif asked not in run.sensors and asked in [tow.name for tow in tows]:
         found = [Listener(tow.name, tow.sensor, tow=tow.name) for tow in tows if tow.name == asked]
     else:
-        found = _by_sensor(sonar_table.named(asked, run), tows)
+        found = _by_sensor(sonar_table.sensor_named(asked, run), tows)
     for listener in found:
         _check_beams(listener.sensor)
     return [

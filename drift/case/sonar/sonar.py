@@ -554,7 +554,7 @@ def _with_steadiest(every: Sequence[Sensor]) -> list[Sensor]:
     return [replace(sensor, steadiest=steadiest.get(sensor.group, math.inf)) for sensor in every]
 
 
-def named(name: str, run: Run) -> Sensor:
+def sensor_named(name: str, run: Run) -> Sensor:
     """Return the [[sensor]] with a name; raise ValueError if there is none.
 
     Args:
@@ -569,7 +569,7 @@ def named(name: str, run: Run) -> Sensor:
     return run.sensors[name]
 
 
-def beams(given: Sequence[int] | None, sensor: Sensor) -> tuple[int, ...]:
+def beam_indices(given: Sequence[int] | None, sensor: Sensor) -> tuple[int, ...]:
     """Return the indices of beams, counted from 0.
 
     Args:

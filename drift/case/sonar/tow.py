@@ -72,7 +72,7 @@ class TowTable(fields.Table):
 
     def tow(self, name: str, run: Run, plan: PlanSpec) -> Tow:
         """Return the record of the ship; raise ValueError if it does not fit the plan."""
-        sensor = sonar_table.named(self.sensor, run)
+        sensor = sonar_table.sensor_named(self.sensor, run)
         if not isinstance(sensor.sees, Sonar):
             raise ValueError(f'sensor "{sensor.name}" is not a sonar; a [[tow]] tows a sonar')
         if sensor.place is not None:

@@ -187,7 +187,7 @@ def load(path: str | os.PathLike[str], spread_rate: str | None = None) -> Study:
 
 def _error_of_file(path: Path, lines: Sequence[str]) -> UserError:
     return UserError(
-        *(f"{path.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines)))
+        *(f"{path.name}: {' '.join(line.split())}" for line in mistakes.shorten_lines(tuple(lines)))
     )
 
 

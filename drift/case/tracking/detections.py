@@ -206,7 +206,7 @@ def read_detections(
     return log.found(label)
 
 
-def told(
+def detections_of_tables(
     tables: Sequence[DetectionTable], start: np.datetime64, end: float, sensors: tuple[Sensor, ...]
 ) -> tuple[Detections, path.Path | None]:
     """Return the same as `read_detections` from [[detection]] tables of the case."""

@@ -80,7 +80,7 @@ class TrackerTable(fields.Table):
         return self
 
 
-def way(
+def tracker_path(
     table: TrackerTable, own: path.Path | None, start: np.datetime64, end: float, folder: Path
 ) -> path.Path:
     """Return the track of the tracker.

@@ -362,7 +362,7 @@ def shipped() -> list[str]:
     return [name for name, _ in case_file.shipped("tracking")]
 
 
-def is_one(name: str | os.PathLike[str]) -> bool:
+def is_tracking_case(name: str | os.PathLike[str]) -> bool:
     """Return whether a name is that of a shipped tracking case, or of a file with a tracking
     case."""
     if str(name) in shipped():
@@ -428,7 +428,10 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
 
 def _error_of_case(place: Path, lines: Sequence[str]) -> UserError:
     return UserError(
-        *(f"{place.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines)))
+        *(
+            f"{place.name}: {' '.join(line.split())}"
+            for line in mistakes.shorten_lines(tuple(lines))
+        )
     )
 
 
@@ -552,7 +555,9 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             )
     elif table.detection:
         with wrong.gathered():
-            followed, own = detections.told(table.detection, start, table.duration, sensors)
+            followed, own = detections.detections_of_tables(
+                table.detection, start, table.duration, sensors
+            )
     elif table.detections is not None:
         with wrong.gathered():
             followed, own = detections.read_detections(
@@ -561,7 +566,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     wrong.refuse()
     tracker: path.Path | None = None
     with wrong.gathered("tracker"):
-        tracker = tracker_table.way(table.tracker, own, start, table.duration, folder)
+        tracker = tracker_table.tracker_path(table.tracker, own, start, table.duration, folder)
     wrong.refuse()
     assert tracker is not None
     assert followed is not None

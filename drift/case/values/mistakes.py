@@ -34,7 +34,7 @@ class Mistakes:
             raise UserError(*self.lines)
 
 
-def shortened(lines: tuple[str, ...]) -> tuple[str, ...]:
+def shorten_lines(lines: tuple[str, ...]) -> tuple[str, ...]:
     """Return the first MOST distinct lines, then the number of the others."""
     once = tuple(dict.fromkeys(lines))
     if len(once) <= MOST:

@@ -169,7 +169,7 @@ Time = Annotated[Times, BeforeValidator(_times)]
 AT_ONCE = Times(at="+0 h")  # the start of the case
 
 
-def begins(law: Times, start: np.datetime64) -> tuple[np.datetime64, Spread]:
+def start_distribution(law: Times, start: np.datetime64) -> tuple[np.datetime64, Spread]:
     """Return the earliest start of a phase, and the distribution of its delay [s] after that.
 
     Args:

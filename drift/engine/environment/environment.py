@@ -53,7 +53,7 @@ class Environment:
 
 
 class Common(Protocol):
-    """Sources and coasts shared by several runs: see drift.pipeline.shared_forcing.Waters."""
+    """Sources and coasts shared by several runs: see drift.pipeline.shared_forcing.SharedRegion."""
 
     def source(self, spec: ForcingSpec, box: Box) -> Source:
         """Return the part of a source that `open_source` gives for a box, of files or a dataset in

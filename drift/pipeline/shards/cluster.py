@@ -29,7 +29,7 @@ LOG = logging.getLogger("drift")
 
 
 @contextlib.contextmanager
-def connected(workers: int | None, address: str | None) -> Iterator[Any]:
+def connect_to_cluster(workers: int | None, address: str | None) -> Iterator[Any]:
     """Yield a client of a cluster; None if neither a number of workers nor an address is given.
 
     Args:
@@ -207,10 +207,10 @@ def move_shards_on_cluster(
             tell(done)
 
 
-def begun(
+def check_shard_starts(
     client: Any, case: Case, mark: Mapping[str, str], clock: Clock, layouts: Sequence[Layout]
 ) -> list[Begun]:
-    """Compute `drift.pipeline.shards.divide.begun` of each shard on the workers.
+    """Compute `drift.pipeline.shards.divide.check_shard_start` of each shard on the workers.
 
     Args:
         client: the client of the cluster.

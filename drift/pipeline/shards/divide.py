@@ -66,7 +66,7 @@ class Workers:
     limit: float = math.inf  # [bytes] lowest memory limit that dask sets for a worker
 
 
-def number(
+def number_of_shards(
     case: Case, memory: float | None, shards: int | None, workers: Workers | None = None
 ) -> int:
     """Return the number of shards of a run; 1 without workers is a run in one piece.
@@ -102,13 +102,13 @@ def number(
                 f'[resampling] method = "{case.resampling.method}" needs all particles at once: run it in one piece, without '
                 "--shards or --workers or --cluster"
             )
-        whole = (BASE + case.particles * held(case)) / GIB
+        whole = (BASE + case.particles * bytes_per_particle(case)) / GIB
         if whole > machine_memory.free() / GIB:
             raise UserError(
                 f'particles: {case.particles:,} in one piece, as [resampling] method = "{case.resampling.method}" asks for, take '
                 f"{_round_up(whole)} GiB of memory, and {machine_memory.free() / GIB:.1f} GiB are free; give fewer"
             )
-        run_setup.refuse_beyond(
+        run_setup.check_array_size(
             card, case, case.particles, "particles", "give fewer, or use --backend cpu"
         )
         return 1
@@ -130,7 +130,9 @@ def number(
             raise UserError(
                 f"--shards {shards}: {case.path.name} has {most:,} blocks {what}; give 1 to {most:,}"
             )
-        each = (BASE + math.ceil(case.particles / shards) * held(case)) * at_once / GIB
+        each = (
+            (BASE + math.ceil(case.particles / shards) * bytes_per_particle(case)) * at_once / GIB
+        )
         if memory is not None and each > memory:
             raise UserError(
                 f"--shards {shards}: shards of this size take {_round_up(each)} GiB, and --memory is {memory:.3g} (GiB); give only one of the two"
@@ -140,7 +142,7 @@ def number(
             if shards < most
             else "use --backend cpu, or end other programs on the card"
         )
-        run_setup.refuse_beyond(
+        run_setup.check_array_size(
             card, case, math.ceil(case.particles / shards), f"--shards {shards}", remedy
         )
         return shards
@@ -148,7 +150,7 @@ def number(
         room = min(memory * GIB / at_once, workers.limit if workers else math.inf)
     else:
         room = min(workers.free, workers.limit) / 2 if workers else machine_memory.free() / 2
-    size = max(int((room - BASE) / held(case)), LEAST)
+    size = max(int((room - BASE) / bytes_per_particle(case)), LEAST)
     if card is not None:
         size = min(
             size, max(int((card / 2 - devices.LEAST) / run_setup.bytes_on_card(case)), LEAST)
@@ -165,9 +167,9 @@ def _round_up(size: float) -> str:
     return f"{math.ceil(10 * size) / 10:g}"
 
 
-def held(case: Case) -> int:
+def bytes_per_particle(case: Case) -> int:
     """Return the bytes reserved for a particle of the shard being moved."""
-    return HELD + run_setup.more_bytes(case)
+    return HELD + run_setup.extra_bytes_per_particle(case)
 
 
 Begun = tuple[
@@ -176,7 +178,9 @@ Begun = tuple[
 Deal = Callable[[Clock, Sequence[Layout]], Iterable[Begun]]
 
 
-def begun(case: Case, where: Environment, scene: Scene, clock: Clock, layout: Layout) -> Begun:
+def check_shard_start(
+    case: Case, where: Environment, scene: Scene, clock: Clock, layout: Layout
+) -> Begun:
     """Draw the positions of a shard; return their trials and the particles without initial forcing.
 
     The particles are drawn again, completely, when they are moved: storing them would cost more.
@@ -214,10 +218,12 @@ def prepare(case: Case, where: Environment, many: int, deal: Deal | None = None)
     coast = device_coast.upload(where.coast) if where.coast else None
     whole = prior.layout(spec)
     layouts = whole.shards(many)
-    setup = run_setup.staged(case, where, coast, _sample(spec, coast, whole), ())
+    setup = run_setup.build_setup(case, where, coast, _sample(spec, coast, whole), ())
     with run_setup.closed_on_failure(setup):
         if deal is None:
-            parts = list(map(partial(begun, case, where, setup.scene, setup.clock), layouts))
+            parts = list(
+                map(partial(check_shard_start, case, where, setup.scene, setup.clock), layouts)
+            )
         else:
             parts = list(deal(setup.clock, layouts))
         dry = prior.shares_on_land(spec, np.sum([tried for tried, _ in parts], axis=0), coast)

@@ -16,7 +16,7 @@ from geo.files import digest
 
 def fingerprint_of(case: Case, where: Environment, many: int) -> dict[str, str]:
     """Return the fingerprint of a run in `many` shards: a value for each input, by its name."""
-    attributes = run_metadata.attributes(case, where)
+    attributes = run_metadata.file_attributes(case, where)
     files = hashlib.sha256(
         "".join(digest.digest_of(path) for path in case.inputs).encode()
     ).hexdigest()

@@ -24,11 +24,11 @@ from drift.evidence.filter.standing import SearchStatus
 from drift.evidence.filter.updates import Updates
 from drift.evidence.posterior.records import Posteriors
 from drift.pipeline import run_setup
-from drift.pipeline.run_options import Job, Report
+from drift.pipeline.run_options import Job, ProgressCallback
 from drift.pipeline.shards import cluster, shelf, stretch
 from drift.pipeline.shards.divide import Divided
-from drift.pipeline.shards.told import Told, columns, together
-from drift.pipeline.shards.unit import From, Unit
+from drift.pipeline.shards.told import ShardedAccount, columns, join_column
+from drift.pipeline.shards.unit import ResumePoint, Unit
 from drift.pipeline.shards.work import LOG, Gone, Work
 from geo.errors import UserError
 
@@ -49,7 +49,7 @@ class _RunProgress:
 
     layout: Layout  # of the whole run
     number: int = 0  # of the present stretch
-    since: From | None = None  # states from which it resumes; None: the run's start
+    since: ResumePoint | None = None  # states from which it resumes; None: the run's start
     # log mean likelihoods of doubtful contacts, by number
     known: dict[int, float] = field(default_factory=dict)
     stretches: list[Sequence[ShardFile]] = field(default_factory=list)
@@ -72,10 +72,13 @@ def move_shards(
         UserError: a step of the filter is rejected, too much is lost, or disk space is short.
     """
     case, job = job.case, replace(job, tell=_never_decreasing(job.tell))
-    need, slices = shelf.need(case, run.layout.bounds[-1]), shelf.slices(case, run.setup.scene)
+    need, slices = (
+        shelf.bytes_of_shards(case, run.layout.bounds[-1]),
+        shelf.bytes_of_slices(case, run.setup.scene),
+    )
     with (
         shelf.open_shelf(job.out, mark, need, slices) as kept,
-        shelf.stored(job.where, kept),
+        shelf.cache_forcing_in(job.where, kept),
     ):
         try:
             progress, records = _simulate_stretches(job, run, kept, mark, noted)
@@ -97,7 +100,7 @@ def move_shards(
 
 def _simulate_stretches(
     job: Job, run: Divided, kept: Work, mark: Mapping[str, str], noted: UpdateCallback | None
-) -> tuple[_RunProgress, Told]:
+) -> tuple[_RunProgress, ShardedAccount]:
     """Simulate all stretches of all shards."""
     progress, records = _RunProgress(run.layout), None
     while True:
@@ -105,7 +108,7 @@ def _simulate_stretches(
         reels = _simulate_stretch(job, run, kept, mark, units)
         progress.stretches.append(reels)
         if records is None:
-            records = Told(job.case, run.setup, reels, progress.layout, noted)
+            records = ShardedAccount(job.case, run.setup, reels, progress.layout, noted)
         with _delete_store_if_rejected(kept):
             records.take(reels, progress.layout)
         result = stretch.result(reels[0])
@@ -146,7 +149,9 @@ def _units(job: Job, run: Divided, kept: Work, progress: _RunProgress) -> list[U
     ]
 
 
-def _states_for_shard(kept: Work, since: From | None, first: int, last: int) -> From | None:
+def _states_for_shard(
+    kept: Work, since: ResumePoint | None, first: int, last: int
+) -> ResumePoint | None:
     """Return the states from which the shard of the slots first <= slot < last resumes."""
     if since is None:
         return None
@@ -181,7 +186,7 @@ def _simulate_stretch(
     ]
 
 
-def _never_decreasing(tell: Report) -> Report:
+def _never_decreasing(tell: ProgressCallback) -> ProgressCallback:
     """Return a progress callback that never goes back, although steps may be repeated."""
     most = 0.0
 
@@ -214,7 +219,12 @@ def _time_span(job: Job, run: Divided, unit: Unit) -> tuple[float, float]:
 
 
 def _prepare_next_stretch(
-    job: Job, run: Divided, kept: Work, progress: _RunProgress, units: Sequence[Unit], records: Told
+    job: Job,
+    run: Divided,
+    kept: Work,
+    progress: _RunProgress,
+    units: Sequence[Unit],
+    records: ShardedAccount,
 ) -> None:
     """Reduce over all shards at the end of a stretch, and prepare the next stretch.
 
@@ -226,7 +236,7 @@ def _prepare_next_stretch(
         [(unit.state, unit.first, unit.first + unit.n) for unit in units],
     )
     if result.since is not None and (before is None or result.since != before.time):
-        progress.since = From(result.since, tuple(states))
+        progress.since = ResumePoint(result.since, tuple(states))
     if result.contact is not None:
         weighed = {
             name: weights.merge_weight_sums(
@@ -252,8 +262,13 @@ def _prepare_next_stretch(
 
 
 def _resample_if_needed(
-    job: Job, run: Divided, kept: Work, progress: _RunProgress, records: Told, since: From
-) -> From:
+    job: Job,
+    run: Divided,
+    kept: Work,
+    progress: _RunProgress,
+    records: ShardedAccount,
+    since: ResumePoint,
+) -> ResumePoint:
     """Resample at the end of a stretch if the effective sample is too small.
 
     Return the states from which the next stretch resumes.
@@ -264,11 +279,11 @@ def _resample_if_needed(
 
     def fill(reel: ShardFile) -> None:
         states = [kept.read(name) for name, _, _ in since.states]
-        drawn = redrawing.anew(together(states, "particle log_weight"), layout, progress.events)
+        drawn = redrawing.anew(join_column(states, "particle log_weight"), layout, progress.events)
         reel.note("bounds", np.array(layout.bounds if drawn is None else drawn.layout.bounds))
         if drawn is not None:
             begun = (
-                together(states, "lineage")
+                join_column(states, "lineage")
                 if "lineage" in states[0].notes
                 else np.arange(layout.bounds[-1])
             )

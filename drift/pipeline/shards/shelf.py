@@ -137,7 +137,7 @@ def unfinished(out: Path) -> bool:
     return os.path.isdir(shelf_beside(out))
 
 
-def begun(out: Path, fingerprint: Mapping[str, str]) -> int | None:
+def stored_shard_count(out: Path, fingerprint: Mapping[str, str]) -> int | None:
     """Return the number of shards of an unfinished run; None if it is not stored.
 
     Args:
@@ -152,7 +152,7 @@ def begun(out: Path, fingerprint: Mapping[str, str]) -> int | None:
     return int(before[NUMBER]) if str(before.get(NUMBER)).isdecimal() else None
 
 
-def settled(backend: str, out: str | os.PathLike[str] | None, client: Any = None) -> str:
+def resumed_backend(backend: str, out: str | os.PathLike[str] | None, client: Any = None) -> str:
     """Return the backend; AUTO becomes the backend of an unfinished run to the folder, if any.
 
     The finished shards are valid only on the backend that made them.
@@ -176,7 +176,9 @@ def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
         fingerprint: delete only the shards of the run with this fingerprint; None: of any run.
     """
     folder = shelf_beside(out)
-    if unfinished(out) and (fingerprint is None or begun(out, fingerprint) is not None):
+    if unfinished(out) and (
+        fingerprint is None or stored_shard_count(out, fingerprint) is not None
+    ):
         with hidden.folder_lock(folder, 0.0) as free:
             if free:
                 shutil.rmtree(folder, ignore_errors=True)
@@ -231,7 +233,7 @@ def _reuse_or_clear(work: Work, fingerprint: Mapping[str, str]) -> None:
 
 
 @contextlib.contextmanager
-def stored(where: Environment, work: Work) -> Iterator[None]:
+def cache_forcing_in(where: Environment, work: Work) -> Iterator[None]:
     """Cache the forcing that this process regrids in the store, while the context is open."""
     environment.share_slices(where, work.forcing)
     try:
@@ -240,12 +242,12 @@ def stored(where: Environment, work: Work) -> Iterator[None]:
         environment.share_slices(where, None)
 
 
-def slices(case: Case, scene: Scene) -> int:
+def bytes_of_slices(case: Case, scene: Scene) -> int:
     """Return the size of a run's regridded forcing [bytes]."""
     return scene.forcing.size(*notation.epochs(np.array(case.period.span)).tolist())
 
 
-def need(case: Case, particles: int) -> int:
+def bytes_of_shards(case: Case, particles: int) -> int:
     """Return the approximate size of a run's shards [bytes]: outputs, updates and states.
 
     Args:
@@ -262,5 +264,5 @@ def need(case: Case, particles: int) -> int:
             + DEBRIS * len({contact.drifter for contact in case.contacts} - {None})
             + 4 * len(case.sorties)
         )
-    noted = (NOTED + DRAWN * again) * records if run_setup.is_told(case) else 0
+    noted = (NOTED + DRAWN * again) * records if run_setup.needs_whole_ensemble(case) else 0
     return particles * (BYTES * case.outputs.size + BYTES_END + noted + states)

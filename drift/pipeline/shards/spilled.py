@@ -32,7 +32,7 @@ from drift.pipeline.shards import cluster, fingerprint, shelf
 from drift.pipeline.shards.work import Work
 from drift.spills.worlds import release
 from drift.spills.worlds.records import Spill
-from drift.spills.worlds.renewal import Drifted
+from drift.spills.worlds.renewal import DriftedRun
 from drift.spills.worlds.strandings import Landings
 from drift.spills.worlds.worlds import Worlds
 from geo.array import Array
@@ -80,7 +80,7 @@ class Unit:
         """Draw the particles; return with them the number of each class not placed on water."""
         case = self.case
         assert case.spill is not None
-        return release.drawn(
+        return release.draw_some_worlds(
             case.spill, self.worlds, case.period, case.errors, coast, self.seed, self.layout
         )
 
@@ -123,7 +123,7 @@ class Rounds:
     kept: Work
     mark: Mapping[str, str]  # the run's fingerprint
 
-    def moved(self, drawn: Worlds, seed: int, number: int) -> Drifted:
+    def moved(self, drawn: Worlds, seed: int, number: int) -> DriftedRun:
         """Simulate a round shard by shard.
 
         Args:
@@ -147,12 +147,14 @@ class Rounds:
         ]
         spool = SnapshotStore([reels], worlds=True)
         try:
-            release.check(_spill(job.case), np.sum([dry for _, dry in spool.noted(DRY)], axis=0))
+            release.check_water(
+                _spill(job.case), np.sum([dry for _, dry in spool.noted(DRY)], axis=0)
+            )
             run_setup.check_end(job.case, job.where, setup, spool, None)
         except UserError:
             kept.drop()  # the same command would be rejected again
             raise
-        return Drifted(seed, spool, drawn)
+        return DriftedRun(seed, spool, drawn)
 
     def _tell(self, done: int, share: float) -> None:
         """Report the progress of the round: `done` shards and the share of the next."""
@@ -163,15 +165,16 @@ class Rounds:
 def open_rounds(job: Job, run: Shards) -> Iterator[Rounds]:
     """Open the store of a spill's shards and yield what simulates its rounds."""
     need = (
-        shelf.need(job.case, job.case.particles) + (BYTES_STAY + BYTES_WEIGHED) * job.case.particles
+        shelf.bytes_of_shards(job.case, job.case.particles)
+        + (BYTES_STAY + BYTES_WEIGHED) * job.case.particles
     )
     slices, mark = (
-        shelf.slices(job.case, run.setup.scene),
+        shelf.bytes_of_slices(job.case, run.setup.scene),
         fingerprint.fingerprint_of(job.case, job.where, len(run.spans)),
     )
     with (
         shelf.open_shelf(job.out, mark, need, slices) as kept,
-        shelf.stored(job.where, kept),
+        shelf.cache_forcing_in(job.where, kept),
     ):
         yield Rounds(job, run, kept, mark)
 
@@ -181,14 +184,14 @@ def prepare(case: Case, where: Environment, many: int) -> Shards:
 
     Raises UserError as `drift.pipeline.run_setup.prepare` does.
     """
-    spill, drawn = _spill(case), run_setup.worlds(case, where)
+    spill, drawn = _spill(case), run_setup.draw_prior_worlds(case, where)
     blocks = -(-spill.worlds // WORLDS)
     cuts = np.unique(np.rint(np.linspace(0, blocks, many + 1)).astype(int))
     edges = np.minimum(cuts * WORLDS, spill.worlds).tolist()
     spans = tuple(itertools.pairwise(edges))
     coast = device_coast.upload(where.coast)
     units = _units(case, Clock(0, 0, case.direction, 1, 0), spans, drawn, case.seed, 0)
-    setup = run_setup.staged(
+    setup = run_setup.build_setup(
         case, where, coast, _sample(spill, units, coast), (0.0,) * len(case.scenarios)
     )
     with run_setup.closed_on_failure(setup):
@@ -215,7 +218,14 @@ def _units(
 ) -> list[Unit]:
     """Return the shards of a round's worlds, numbered from `first`."""
     return [
-        Unit(case, clock, release.layout(_spill(case), *span), drawn.some(*span), seed, number)
+        Unit(
+            case,
+            clock,
+            release.layout_of_worlds(_spill(case), *span),
+            drawn.some(*span),
+            seed,
+            number,
+        )
         for number, span in enumerate(spans, first)
     ]
 
@@ -225,7 +235,7 @@ def _sample(spill: Spill, units: list[Unit], coast: DeviceCoast) -> Ensemble:
 
     Raises UserError if objects cannot be placed on water.
     """
-    n = release.layout(spill).bounds[-1]
+    n = release.layout_of_worlds(spill).bounds[-1]
     chosen = np.unique(np.linspace(0, n - 1, min(TRIAL_SIZE, n)).astype(np.int64))
     parts: list[list[Ensemble]] = [[] for _ in spill.kinds]  # of each class, shard after shard
     dry = np.zeros(len(spill.kinds), np.int64)
@@ -237,5 +247,5 @@ def _sample(spill: Spill, units: list[Unit], coast: DeviceCoast) -> Ensemble:
             here = here[(here >= slots.first) & (here < slots.last)]
             if here.size:
                 own.append(record.sample(ensemble, here))
-    release.check(spill, dry)
+    release.check_water(spill, dry)
     return record.join_ensembles([part for own in parts for part in own])

@@ -42,7 +42,7 @@ class _StoredParticles:
         return columns(self._reels, self._blocks, dict(zip(Values._fields, own, strict=True)))
 
 
-class Told:
+class ShardedAccount:
     """Updates and posteriors of a run in shards."""
 
     def __init__(
@@ -67,17 +67,17 @@ class Told:
         self.begun: SearchStatus | None = None
         begin = (
             columns(reels, layout.blocks, ("log_weight", "release"))
-            if run_setup.is_told(case)
+            if run_setup.needs_whole_ensemble(case)
             else None
         )
-        if begin is not None and run_setup.is_believed(case):
+        if begin is not None and run_setup.reports_posteriors(case):
             self.beliefs = Beliefs(
                 setup.spec, begin, _StoredParticles(reels, "begin", layout.blocks)
             )
-        self.account = Account(setup.spec, run_setup.noting(self.beliefs, noted))
+        self.account = Account(setup.spec, run_setup.combined_update_callback(self.beliefs, noted))
         if begin is not None:
             self.account.begin(begin)
-        if begin is not None and run_setup.is_standing(case):
+        if begin is not None and run_setup.reports_search_status(case):
             self.begun = account.initial_status(setup.spec, begin)
 
     def take(self, reels: Sequence[ShardFile], layout: Layout) -> None:
@@ -136,7 +136,7 @@ def at_end(reels: Sequence[ShardFile], blocks: Blocks) -> Columns:
     return Columns(blocks, {"log_weight": partial(_read_slots, reels, _shard_bounds(reels), read)})
 
 
-def together(reels: Sequence[ShardFile], name: str) -> Array:
+def join_column(reels: Sequence[ShardFile], name: str) -> Array:
     """Return a column of all particles, shape (n,), joined from the shards' files."""
     return np.concatenate([reel.noted(name) for reel in reels])
 

@@ -27,7 +27,7 @@ from geo.array import Array
 
 
 @dataclass(frozen=True)
-class From:
+class ResumePoint:
     """The stored states from which a shard resumes."""
 
     time: int  # [s after start]
@@ -47,7 +47,7 @@ class Unit:
     number: int  # of the shard
     first: int  # its first slot in the whole run
     stretch: int = 0
-    since: From | None = None  # None: the run's start
+    since: ResumePoint | None = None  # None: the run's start
     # log mean likelihoods of doubtful contacts, by number
     known: Mapping[int, float] | None = None
     guide: Guide | None = None  # proposal toward the finds of debris
@@ -109,16 +109,20 @@ class Unit:
                 ensemble=ensemble,
             )
             if self.since is None:
-                begin = run_setup.guided(case, where, begin)
+                begin = run_setup.apply_guide(case, where, begin)
             spec, own, ensemble = begin.spec, begin.scene, begin.ensemble
-            read = Particles(spec, ensemble, own.steering) if run_setup.is_believed(case) else None
+            read = (
+                Particles(spec, ensemble, own.steering)
+                if run_setup.reports_posteriors(case)
+                else None
+            )
             time = None if self.since is None else self.since.time
             stretch_record = Stretch(
                 reel, state, stretch.contacts_of(spec, case.contacts), self.known or {}, time, read
             )
-            if self.since is None and self.stretch == 0 and run_setup.is_told(case):
+            if self.since is None and self.stretch == 0 and run_setup.needs_whole_ensemble(case):
                 stretch_record.drawn(ensemble.log_weight.to_numpy(), ensemble.release.to_numpy())
-            search = stretch_record.search = run_setup.search(
+            search = stretch_record.search = run_setup.build_search_filter(
                 case, begin, meeting=stretch_record, resumed=time is not None
             )
             if search is not None and self.since is not None:
@@ -140,7 +144,7 @@ def state_of(number: int, stretch: int) -> str:
     return f"state-{number:05}-{stretch:03}"
 
 
-def restore(search: SearchFilter, kept: Work, since: From, first: int) -> None:
+def restore(search: SearchFilter, kept: Work, since: ResumePoint, first: int) -> None:
     """Load the stored state of a shard into its new search filter.
 
     Args:

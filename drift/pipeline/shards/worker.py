@@ -74,10 +74,10 @@ def move(folder: str, mark: Mapping[str, str], unit: work.Task) -> str:
 
 
 def begun(case: Case, mark: Mapping[str, str], clock: Clock, layout: Layout) -> divide.Begun:
-    """Return `drift.pipeline.shards.divide.begun` of a shard, computed on this worker."""
+    """Return `drift.pipeline.shards.divide.check_shard_start` of a shard, computed on this worker."""
     with runtime.alone():
         where, scene = _open_once(case, mark)
-        return divide.begun(case, where, scene, clock, layout)
+        return divide.check_shard_start(case, where, scene, clock, layout)
 
 
 def release() -> None:

@@ -18,7 +18,7 @@ from drift.evidence.filter.records import Law, Sortie
 from drift.evidence.suspend.further import Planned
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, RunOptions, in_turn
+from drift.pipeline.run_options import Job, RunOptions, serialized
 from drift.pipeline.shards import shelf
 from drift.planning.arrays import chapter, placement, placement_bound, ways
 from drift.planning.arrays.placement import Placement
@@ -43,7 +43,7 @@ class ArrayPlan:
     until: np.datetime64
 
 
-@in_turn
+@serialized
 def place(
     case: Case,
     out: str | os.PathLike[str] | None = None,
@@ -80,7 +80,7 @@ def place(
     job = flow.open_run(case, out, options)
     plan, executed, result = towed(job)
     if job.out is not None:
-        flow.write(
+        flow.write_results(
             result,
             job,
             more=[chapter.chapter(matter(job, plan, executed, result))],
@@ -98,13 +98,13 @@ def towed(job: Job) -> tuple[ArrayPlan, Case, Result]:
     chosen, bound = _placed(job)
     sorties = tuple(_sortie(case, placed) for placed in chosen.placed)
     executed = _with(case, sorties)
-    result = flow.forecasted(replace(job, case=executed))
+    result = flow.forecast_job(replace(job, case=executed))
     return _worth(case, chosen, bound, sorties, result), executed, result
 
 
 def matter(job: Job, plan: ArrayPlan, executed: Case, result: Result) -> chapter.PlacementOutputs:
     """Return what the files and the picture of a plan are made from."""
-    setting = run_metadata.with_coast(run_metadata.setting(executed, job.where))
+    setting = run_metadata.with_coast(run_metadata.map_setting(executed, job.where))
     taken = [sortie.name for sortie in job.case.sorties]
     return chapter.PlacementOutputs(plan, result.forecast, result.updates, setting, taken)
 

@@ -18,7 +18,7 @@ from drift.case.record import Case
 from drift.evidence.sensors.records import Processing
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, RunOptions, in_turn
+from drift.pipeline.run_options import Job, RunOptions, serialized
 from drift.pipeline.shards import shelf
 from drift.planning.arrays import beams, manning, planner, processing, processing_chapter, records
 from drift.planning.arrays import chapter as tow_chapter
@@ -51,7 +51,7 @@ class ProcessingPlan:
     towed: ArrayPlan | None = None  # of the ships that were placed first
 
 
-@in_turn
+@serialized
 def allocate(
     case: Case,
     out: str | os.PathLike[str] | None = None,
@@ -103,13 +103,13 @@ def allocate(
     else:
         plan = _allocated(job, asked)
         executed = _shown(case)
-        result = flow.forecasted(replace(job, case=executed))
+        result = flow.forecast_job(replace(job, case=executed))
     if job.out is not None:
-        setting = run_metadata.with_coast(run_metadata.setting(executed, job.where))
+        setting = run_metadata.with_coast(run_metadata.map_setting(executed, job.where))
         chapters.append(
             processing_chapter.chapter(processing_chapter.ProcessingOutputs(plan, setting))
         )
-        flow.write(result, job, more=chapters, planned=ahead)
+        flow.write_results(result, job, more=chapters, planned=ahead)
         shelf.clear(job.out)
     return plan, result
 

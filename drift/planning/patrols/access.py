@@ -73,7 +73,9 @@ def _of_team(team: Team, segments: Segments, mass: Array, land_in: LandIn) -> Ac
     if not team.stretches:
         every = np.flatnonzero(team.crosses_water | (mass != SEVERAL))
         return Access(team, tuple(every.tolist()), not team.crosses_water)
-    named = tuple(evidence.named(name, place, segments) for name in dict.fromkeys(team.stretches))
+    named = tuple(
+        evidence.stretch_by_name(name, place, segments) for name in dict.fromkeys(team.stretches)
+    )
     for s in named:
         if mass[s] == SEVERAL and not team.crosses_water:
             raise UserError(

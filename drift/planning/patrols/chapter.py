@@ -13,7 +13,7 @@ from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_o
 from drift.products.maps.imprint import Setting
 from drift.spills.worlds import renewal
 from drift.spills.worlds.products import chapter as spill_chapter
-from drift.spills.worlds.renewal import Aftermath
+from drift.spills.worlds.renewal import SpillResult
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class PatrolOutputs:
     """What the files and pictures are made from."""
 
     plan: PatrolPlan
-    after: Aftermath
+    after: SpillResult
     setting: Setting
     synthetic: bool  # winds or currents are made up
 
@@ -39,7 +39,7 @@ def _picture(matter: PatrolOutputs, path: Path) -> None:
     ]
     imprint = replace(setting.imprint, title=f"Planned patrols: {setting.imprint.title}")
     warnings = [
-        *renewal.warnings(after),
+        *renewal.spill_warnings(after),
         *matter.plan.notes,
         *patrol_files.too_long(matter.plan, after, most=0),
     ]
@@ -48,7 +48,7 @@ def _picture(matter: PatrolOutputs, path: Path) -> None:
         after.segments,
         path,
         replace(setting, imprint=imprint),
-        finds=spill_chapter.finds(after),
+        finds=spill_chapter.find_marks(after),
         patrols=washup_map.Patrols(planned, "planned patrol", near=True),
         warning="; ".join(warnings),
     )

@@ -14,7 +14,7 @@ from drift.planning.patrols import planner as patrol_planner
 from drift.planning.patrols.planner import PatrolPlan, Slot, Visit
 from drift.products.files import formats, geojson
 from drift.spills.worlds.products import tables as washup_tables
-from drift.spills.worlds.renewal import Aftermath
+from drift.spills.worlds.renewal import SpillResult
 from geo import notation
 
 WIDE = 78
@@ -52,7 +52,7 @@ LEFT_OUT = (
 LONGEST = 4  # stretches that a warning names
 
 
-def patrol_text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bool) -> str:
+def patrol_text(plan: PatrolPlan, after: SpillResult, title: str, run: str, synthetic: bool) -> str:
     """Return the schedule; it is plain ASCII but for names."""
     lines = ["PATROL PLAN", *_fill(title), f"Run {run}. Times are UTC.", ""]
     for warning in warnings(plan, after, synthetic):
@@ -76,7 +76,7 @@ def patrol_text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthe
             *_fill(f"{head}, detection {slot.team.detection:.2f}, {total:.2g} found", 3, 6),
         ]
         for visit in sorted(visits, key=lambda visit: -visit.found):
-            name = washup_tables.stretch(after.segments, visit.segment)
+            name = washup_tables.stretch_with_town(after.segments, visit.segment)
             size = float(after.segments.length[visit.segment]) / 1000
             figures = f"{visit.found:.2g} +- {visit.error:.1g} found of {visit.lying:.2g}   {size:.1f} km   {name}"
             lines += _fill(figures, 6, 10)
@@ -107,7 +107,7 @@ def _up(value: float) -> str:
     return f"{math.ceil(value / step) * step:.3g}"
 
 
-def warnings(plan: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:
+def warnings(plan: PatrolPlan, after: SpillResult, synthetic: bool) -> list[str]:
     """Return warnings of what is not reliable in a plan."""
     lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
     count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
@@ -116,7 +116,7 @@ def warnings(plan: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:
     return [*lines, *plan.notes, *too_long(plan, after)]
 
 
-def too_long(plan: PatrolPlan, after: Aftermath, *, most: int = LONGEST) -> list[str]:
+def too_long(plan: PatrolPlan, after: SpillResult, *, most: int = LONGEST) -> list[str]:
     """Return a warning for each team of the stretches that it leaves out, because they are longer
     than its day.
 
@@ -129,7 +129,7 @@ def too_long(plan: PatrolPlan, after: Aftermath, *, most: int = LONGEST) -> list
             continue
         length = [float(after.segments.length[row.segment]) / 1000 for row in rows]
         named = [
-            f"{washup_tables.stretch(after.segments, row.segment)} ({km:.1f} km, {row.lying:.2g} objects)"
+            f"{washup_tables.stretch_with_town(after.segments, row.segment)} ({km:.1f} km, {row.lying:.2g} objects)"
             for row, km in zip(rows[:most], length, strict=False)
         ]
         if len(rows) > most:
@@ -146,7 +146,7 @@ def too_long(plan: PatrolPlan, after: Aftermath, *, most: int = LONGEST) -> list
     return lines
 
 
-def left_out(plan: PatrolPlan, after: Aftermath, run: str) -> str:
+def left_out(plan: PatrolPlan, after: SpillResult, run: str) -> str:
     """Return the stretches that teams leave out because they are longer than their day, a row each,
     most first.
     """
@@ -168,7 +168,7 @@ def left_out(plan: PatrolPlan, after: Aftermath, run: str) -> str:
     return formats.csv_text(list(LEFT_OUT), rows)
 
 
-def csv(plan: PatrolPlan, after: Aftermath, run: str) -> str:
+def csv(plan: PatrolPlan, after: SpillResult, run: str) -> str:
     """Return a row for each visit, by time and team."""
     segments, rows = after.segments, []
     for slot, visits in patrol_planner.by_patrol(plan):
@@ -183,7 +183,7 @@ def csv(plan: PatrolPlan, after: Aftermath, run: str) -> str:
     return formats.csv_text(list(HEADER), rows)
 
 
-def toml(plan: PatrolPlan, after: Aftermath) -> str:
+def toml(plan: PatrolPlan, after: SpillResult) -> str:
     """Return [[patrol]] tables that can be appended to the case."""
     taken = {patrol.name for patrol in after.spill.patrols}
     parts = [
@@ -207,7 +207,7 @@ def toml(plan: PatrolPlan, after: Aftermath) -> str:
     return "\n".join(parts) + "\n"
 
 
-def lines(plan: PatrolPlan, after: Aftermath, attributes: Mapping[str, Any]) -> dict[str, Any]:
+def lines(plan: PatrolPlan, after: SpillResult, attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the stretches of each visit as a GeoJSON FeatureCollection, by time and team, cut at
     the antimeridian.
     """
@@ -220,7 +220,7 @@ def lines(plan: PatrolPlan, after: Aftermath, attributes: Mapping[str, Any]) -> 
                 "time": notation.iso(slot.when),
                 "segment": s,
                 "stretch_id": segments.id[s],
-                "stretch": washup_tables.stretch(segments, s),
+                "stretch": washup_tables.stretch_with_town(segments, s),
                 "position": notation.position(float(segments.lon[s]), float(segments.lat[s])) or "",
                 "access": segments.access[s],
                 "length_km": float(f"{segments.length[s] / 1000:.6g}"),
@@ -256,11 +256,13 @@ def summary_of_patrols(plan: PatrolPlan) -> dict[str, Any]:
     }
 
 
-def patrol_facts(plan: PatrolPlan, after: Aftermath) -> dict[str, str]:
+def patrol_facts(plan: PatrolPlan, after: SpillResult) -> dict[str, str]:
     """Return what a terminal shows."""
     lines = {"plan": worth(plan)}
     for slot, visits in patrol_planner.by_patrol(plan):
-        names = "; ".join(washup_tables.stretch(after.segments, visit.segment) for visit in visits)
+        names = "; ".join(
+            washup_tables.stretch_with_town(after.segments, visit.segment) for visit in visits
+        )
         lines[_key(slot)] = f"{sum(visit.found for visit in visits):.2g} found: {names}"
     if plan.idle:
         lines["not sent"] = ", ".join(plan.idle)
@@ -274,7 +276,7 @@ def _key(slot: Slot) -> str:
     return f"{notation.format_dtg(slot.when)} {slot.team.name}"
 
 
-def _spelled(after: Aftermath, visit: Visit) -> str:
+def _spelled(after: SpillResult, visit: Visit) -> str:
     """Return a stretch as a case names it: by the user's name, else by its id."""
     name, place = after.segments.name[visit.segment], after.segments.id[visit.segment]
     where = notation.position(

@@ -7,7 +7,7 @@ from drift.case.record import Case
 from drift.engine.environment import coastline
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import RunOptions, in_turn
+from drift.pipeline.run_options import RunOptions, serialized
 from drift.pipeline.shards import shelf
 from drift.planning.patrols import access, chapter
 from drift.planning.patrols import planner as patrol_planner
@@ -17,7 +17,7 @@ from geo.coast import shore
 from geo.errors import UserError
 
 
-@in_turn
+@serialized
 def patrol(
     case: Case,
     out: str | os.PathLike[str] | None = None,
@@ -57,18 +57,20 @@ def patrol(
     )
     # before the drift, because it may reject the case
     patrol_planner.patrols(case.period, segments, walkable)
-    with flow.kept(job) as result:
+    with flow.open_result(job) as result:
         after = result.aftermath
         assert after is not None
         job.tell("plan", 0.0)
         with job.clock.phase("plan"):
             plan = patrol_planner.plan(after, walkable)
         if job.out is not None:
-            setting = run_metadata.with_coast(run_metadata.setting(case, job.where))
+            setting = run_metadata.with_coast(run_metadata.map_setting(case, job.where))
             patrols = chapter.chapter(
-                chapter.PatrolOutputs(plan, after, setting, run_metadata.synthetic(case))
+                chapter.PatrolOutputs(
+                    plan, after, setting, run_metadata.has_synthetic_forcing(case)
+                )
             )
-            flow.write(result, job, more=[patrols])
+            flow.write_results(result, job, more=[patrols])
     if job.out is not None:
         shelf.clear(job.out)
     return plan, result

@@ -22,7 +22,7 @@ from drift.planning.patrols.access import Walkable
 from drift.spills.worlds import estimate, exposure, finds, renewal
 from drift.spills.worlds.exposure import Exposure
 from drift.spills.worlds.records import Team
-from drift.spills.worlds.renewal import Aftermath
+from drift.spills.worlds.renewal import SpillResult
 from geo import notation
 from geo.array import Array, Real
 from geo.coast.segments import Segments
@@ -92,7 +92,7 @@ class PatrolPlan:
 Chosen = dict[int, tuple[int, ...]]
 
 
-def plan(after: Aftermath, walkable: Walkable) -> PatrolPlan:
+def plan(after: SpillResult, walkable: Walkable) -> PatrolPlan:
     """Return the plan of a spill's teams; the files of its run are to be open."""
     slots = patrols(after.period, after.segments, walkable)
     known, worth = after.posterior.known, value(after)
@@ -126,7 +126,7 @@ def plan(after: Aftermath, walkable: Walkable) -> PatrolPlan:
     return replace(planned, left_out=left_out, notes=notes)
 
 
-def value(after: Aftermath) -> Real:
+def value(after: SpillResult) -> Real:
     """Return how many objects not yet found a particle of each world and class stands for, if it
     has not been found itself.
 
@@ -134,8 +134,8 @@ def value(after: Aftermath) -> Real:
     by their chances of not having been found; this is the share of a particle divided by its
     chance.
     """
-    left = finds.remaining(after.posterior) * after.posterior.weight[:, None]
-    shared, _ = renewal.unfound(after.fates, after.posterior.known)
+    left = finds.remaining_objects(after.posterior) * after.posterior.weight[:, None]
+    shared, _ = renewal.unfound_chances(after.fates, after.posterior.known)
     return np.asarray(left / np.maximum(shared, 1e-300))
 
 
@@ -155,7 +155,7 @@ def _lying(stays: Exposure, segment: int, worth: Real, times: Sequence[float]) -
     """
     rows = slice(int(stays.bounds[segment]), int(stays.bounds[segment + 1]))
     slot, first = stays.slot[rows], np.searchsorted(times, stays.arrival[rows])
-    there = [exposure.lying(stays, segment, time) * worth[slot] for time in times]
+    there = [exposure.lying_probability(stays, segment, time) * worth[slot] for time in times]
     return stays.fates.blocks.partial(*there, code=first, many=len(times) + 1, slots=slot)
 
 
@@ -373,7 +373,7 @@ def patrols(period: Period, segments: Segments, walkable: Walkable) -> tuple[Slo
 
 
 def _scored(
-    after: Aftermath,
+    after: SpillResult,
     slots: tuple[Slot, ...],
     chosen: Chosen,
     bound: float,
@@ -390,7 +390,7 @@ def _scored(
         # Objects for which a particle stands, given its world.
         in_world = worth[part.world, part.kind] / np.maximum(weight[part.world], 1e-300)
         for k, (_, s) in enumerate(order):
-            rows, chance = exposure.searched(stays, s, len(known.patrols) + k)
+            rows, chance = exposure.patrol_probability(stays, s, len(known.patrols) + k)
             slot = stays.slot[rows]
             by_world[k, part.here] = np.bincount(
                 part.world[slot] - part.here.start, chance * in_world[slot], part.many

@@ -51,7 +51,7 @@ def follow(case: Case, where: Environment) -> Tracks:
     )
     begin = run_setup.prepare(few, where)
     try:
-        search = run_setup.search(few, begin)
+        search = run_setup.build_search_filter(few, begin)
         first = case.period.elapsed(spec.begin)
         edges = np.unique(np.linspace(0, span, count + 1).round().astype(np.int64))
         if steers:

@@ -23,7 +23,7 @@ from drift.forecast import effective, likeliest, mapped
 from drift.forecast.effective import Count
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Report, RunOptions, in_turn
+from drift.pipeline.run_options import Job, ProgressCallback, RunOptions, serialized
 from drift.pipeline.shards import shelf
 from drift.planning.search import bound as bounds
 from drift.planning.search import follow, optimiser
@@ -38,7 +38,7 @@ from kernels.maths import noise
 from kernels.maths.noise import Purpose
 
 
-@in_turn
+@serialized
 def plan(
     case: Case,
     out: str | os.PathLike[str] | None = None,
@@ -68,13 +68,18 @@ def plan(
     proposed, executed, result = scheme(job)
     if job.out is not None:
         shown = None if proposed.shares is None else likeliest.likeliest_scenarios(proposed.shares)
-        setting = run_metadata.with_coast(run_metadata.setting(executed, job.where, shown))
+        setting = run_metadata.with_coast(run_metadata.map_setting(executed, job.where, shown))
         taken = [sortie.name for sortie in case.sorties]
         land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
         matter = chapter.PlanOutputs(
-            proposed, result.forecast, setting, taken, land, run_metadata.synthetic(case)
+            proposed,
+            result.forecast,
+            setting,
+            taken,
+            land,
+            run_metadata.has_synthetic_forcing(case),
         )
-        flow.write(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
+        flow.write_results(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
         shelf.clear(job.out)
     return proposed, result
 
@@ -132,7 +137,7 @@ def scheme(job: Job, noted: UpdateCallback | None = None) -> tuple[Plan, Case, R
     noted: is called for each sortie of that forecast, as drift.evidence.filter.filter does.
     """
     rounds = _rounds(job)
-    result = flow.forecasted(replace(job, case=rounds.executed), noted)
+    result = flow.forecast_job(replace(job, case=rounds.executed), noted)
     return _worth(job.case, rounds, result), rounds.executed, result
 
 
@@ -268,7 +273,7 @@ def _error(bound: float, bound_number: float, value: float, scored_on: Count) ->
     return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, value), counts, strict=True)))
 
 
-def _told(tell: Report, number: int, rounds: int, share: float) -> None:
+def _told(tell: ProgressCallback, number: int, rounds: int, share: float) -> None:
     tell("plan", (number - 1 + share) / rounds)
 
 

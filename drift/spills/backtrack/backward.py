@@ -141,7 +141,7 @@ class Resolution:
     times: int = 24  # parts of the release window
 
 
-def backward(
+def estimate_origin(
     spill: Spill,
     spec: EnsembleSpec,
     clock_spec: ClockSpec,
@@ -190,7 +190,9 @@ def backward(
         )
     backward_spec = replace(spec, period=Period(latest, latest - elapsed.max() * SECOND, -1))
     beaches = Beaches(environment.coast, segments, stretch)
-    ensemble, groups = tracks.begin(backward_spec, spill, worlds, beaches, resolution.per_find, rng)
+    ensemble, groups = tracks.draw_backward_particles(
+        backward_spec, spill, worlds, beaches, resolution.per_find, rng
+    )
     forcing = Forcing(list(environment.scenarios), -1)
     try:
         shore = device_coast.upload(environment.coast) if environment.coast else None
@@ -320,7 +322,9 @@ def _find_densities(
         weight = np.exp(log_weight[slots].astype(np.float64)).reshape(shape) * (
             group.share / group.count
         )
-        weight *= tracks.afloat(spill.kinds[group.kind], worlds.sinking[:, group.kind], age)
+        weight *= tracks.probability_not_sunk(
+            spill.kinds[group.kind], worlds.sinking[:, group.kind], age
+        )
         for b in range(0, worlds.size, BATCH):
             part = slice(b, b + BATCH)
             density[group.find, part] += box * _smooth(
@@ -447,16 +451,16 @@ def count(origin: Origin) -> Count:
     return Count(origin.effective, origin.worlds, "worlds")
 
 
-def warnings(origin: Origin) -> list[str]:
+def origin_warnings(origin: Origin) -> list[str]:
     """Return warnings that an origin is unreliable or no result of its finds."""
     few_worlds = effective.sentence(
         count(origin), "after the finds", f"{ROUGH}; one find may contradict the rest: check each"
     )
     lines = [few_worlds] if count(origin).few else []
-    return lines + ([nothing_new(origin)] if information(origin) < LITTLE else [])
+    return lines + ([nothing_new(origin)] if information_gain(origin) < LITTLE else [])
 
 
-def information(origin: Origin) -> float:
+def information_gain(origin: Origin) -> float:
     """Return the information of the finds on the release [bit].
 
     It is the Kullback-Leibler divergence of the posterior from the prior (Kullback and Leibler
@@ -470,13 +474,13 @@ def information(origin: Origin) -> float:
 def nothing_new(origin: Origin) -> str:
     """Return the warning that the finds hardly change the prior."""
     return (
-        f"the finds add next to no information on the release ({information(origin):.2f} bit): "
+        f"the finds add next to no information on the release ({information_gain(origin):.2f} bit): "
         "place and time are those that [spill] gives, and no result of the finds; give a wider "
         "area, or more finds"
     )
 
 
-def dataset(origin: Origin) -> xr.Dataset:
+def origin_dataset(origin: Origin) -> xr.Dataset:
     """Return prior and posterior probability by time, lat and lon as an xarray.Dataset."""
     dims = ("time", "lat", "lon")
     return xr.Dataset(
@@ -523,7 +527,7 @@ def _axis(name: str, axis: str, units: str) -> dict[str, str]:
     }
 
 
-def edges(centres: Real) -> Real:
+def cell_edges(centres: Real) -> Real:
     """Return the edges [deg] of cells of equal width from their centres, (n + 1,).
 
     A single cell is POINT wide.
@@ -534,11 +538,13 @@ def edges(centres: Real) -> Real:
 
 def cell_area(origin: Origin) -> Real:
     """Return the area [m2] of a cell in each row, R^2 dlon (sin lat2 - sin lat1), (nlat,)."""
-    width = np.radians(edges(origin.lon)[1] - edges(origin.lon)[0])
-    return np.asarray(sphere.RADIUS**2 * width * np.diff(np.sin(np.radians(edges(origin.lat)))))
+    width = np.radians(cell_edges(origin.lon)[1] - cell_edges(origin.lon)[0])
+    return np.asarray(
+        sphere.RADIUS**2 * width * np.diff(np.sin(np.radians(cell_edges(origin.lat))))
+    )
 
 
-def summary(origin: Origin) -> dict[str, float | str]:
+def summary_of_origin(origin: Origin) -> dict[str, float | str]:
     """Return the release in figures by column: mean, radii and areas by share, times by quantile.
 
     Radii are about the mean position; an area is the smallest that holds the share, to one cell.
@@ -574,7 +580,7 @@ def summary(origin: Origin) -> dict[str, float | str]:
     cumulative = np.concatenate([[0.0], np.cumsum(probability_of_time)])
     for share in (10, 50, 90):
         row[f"time_{share}"] = _utc(float(np.interp(share / 100, cumulative, time_edges)))
-    row["information_bit"] = information(origin)
+    row["information_bit"] = information_gain(origin)
     row["worlds"], row["effective_worlds"] = float(origin.worlds), origin.effective
     return row
 

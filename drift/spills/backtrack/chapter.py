@@ -25,7 +25,7 @@ class OriginOutputs:
 
 
 def _table(outputs: OriginOutputs, stamped: Stamped) -> str:
-    return text.csv(backward.summary(outputs.origin), stamped["run_id"])
+    return text.origin_csv(backward.summary_of_origin(outputs.origin), stamped["run_id"])
 
 
 def _plot(outputs: OriginOutputs, path: Path) -> None:
@@ -44,9 +44,9 @@ def _marks(outputs: OriginOutputs) -> list[Mark]:
 
 
 FILES: dict[str, Callable[[OriginOutputs, Stamped], Contents]] = {
-    "origin.nc": lambda outputs, stamped: backward.dataset(outputs.origin),
+    "origin.nc": lambda outputs, stamped: backward.origin_dataset(outputs.origin),
     "origin.csv": _table,
-    "origin.geojson": lambda outputs, stamped: outlines.collection(
+    "origin.geojson": lambda outputs, stamped: outlines.origin_geojson(
         outputs.origin, _marks(outputs), stamped
     ),
 }
@@ -55,10 +55,10 @@ PICTURES: dict[str, Callable[[OriginOutputs, Path], None]] = {
 }
 
 
-def chapter(outputs: OriginOutputs) -> OutputBundle:
+def origin_bundle(outputs: OriginOutputs) -> OutputBundle:
     """Return the output bundle of a backward run."""
-    warnings = backward.warnings(outputs.origin)
-    numbers = {"origin": backward.summary(outputs.origin), "warnings": warnings}
+    warnings = backward.origin_warnings(outputs.origin)
+    numbers = {"origin": backward.summary_of_origin(outputs.origin), "warnings": warnings}
     leaves = (partial(report.origin_leaves, outputs.origin, _marks(outputs)),)
     return OutputBundle(
         numbers,

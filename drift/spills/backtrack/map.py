@@ -102,7 +102,7 @@ class _Shown:
 
 
 def plot_origin(origin: Origin, path: Path, setting: Setting) -> None:
-    """Draw the result of drift.spills.backtrack.backward.backward into a PNG.
+    """Draw the result of drift.spills.backtrack.backward.estimate_origin into a PNG.
 
     setting: its marks are the finds. The label of a mark begins with its number; the rest is listed
     beside the map ("1 first box, 031516Z").
@@ -133,7 +133,7 @@ def _shown(origin: Origin) -> _Shown:
     found = outlines.release_outlines(origin, tuple(LINES))
     area = backward.cell_area(origin)
     prior = origin.prior.sum(axis=0) / area[:, None]
-    allowed = outlines.outline(origin, prior, ALLOWED * float(prior.max()))
+    allowed = outlines.density_outline(origin, prior, ALLOWED * float(prior.max()))
     return _Shown(
         found.density, found.containment, allowed, found.areas, backward.count(origin).few
     )
@@ -142,10 +142,10 @@ def _shown(origin: Origin) -> _Shown:
 def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) -> Frame:
     """Return the frame of the shaded cells, the finds, and the prior's outline unless far off."""
     rows, columns = (
-        np.flatnonzero(outlines.within(shown.containment, mapped.SHOWN).any(axis=axis))
+        np.flatnonzero(outlines.cells_of_share(shown.containment, mapped.SHOWN).any(axis=axis))
         for axis in (1, 0)
     )
-    lon, lat = backward.edges(origin.lon), backward.edges(origin.lat)
+    lon, lat = backward.cell_edges(origin.lon), backward.cell_edges(origin.lat)
     middle = float(lon.mean())
     x = [
         lon[columns[0]],
@@ -163,9 +163,13 @@ def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) 
 
 def _shade(ax: Axes, frame: Frame, origin: Origin, shown: _Shown) -> Any:
     """Shade the cells by their density; the cells above the scale's top hold a tenth."""
-    top = float(shown.density[outlines.within(shown.containment, 0.1)].min())
-    corners = frame.project(*np.meshgrid(backward.edges(origin.lon), backward.edges(origin.lat)))
-    inside = np.ma.masked_where(~outlines.within(shown.containment, mapped.SHOWN), shown.density)
+    top = float(shown.density[outlines.cells_of_share(shown.containment, 0.1)].min())
+    corners = frame.project(
+        *np.meshgrid(backward.cell_edges(origin.lon), backward.cell_edges(origin.lat))
+    )
+    inside = np.ma.masked_where(
+        ~outlines.cells_of_share(shown.containment, mapped.SHOWN), shown.density
+    )
     norm = PowerNorm(0.5, 0, top)
     return ax.pcolormesh(
         *corners, inside, cmap=layers.shading(), norm=norm, zorder=1, rasterized=True
@@ -325,19 +329,19 @@ def _times(figure: Figure, origin: Origin) -> None:
 
 def _figures(figure: Figure, origin: Origin) -> None:
     """Write the posterior in figures."""
-    summary = backward.summary(origin)
+    summary = backward.summary_of_origin(origin)
     low, half, high = _quantiles(origin)
     east, north, late = origin.error
     rows = [
         ("Mean place", notation.position(origin.mean[0], origin.mean[1]) or ""),
-        ("Half within", text.length(float(summary["radius_50_km"])) + " of it"),
-        ("90 % within", text.length(float(summary["radius_90_km"])) + " of it"),
+        ("Half within", text.length_in_words(float(summary["radius_50_km"])) + " of it"),
+        ("90 % within", text.length_in_words(float(summary["radius_90_km"])) + " of it"),
         ("Released", f"10 %: before {notation.format_dtg(low)}"),
         ("", f"50 %: before {notation.format_dtg(half)}"),
         ("", f"90 %: before {notation.format_dtg(high)}"),
         (
             "Error of the mean",
-            f"{text.length(float(np.hypot(east, north)) / 1000)}, {text.number(late / 3600)} h",
+            f"{text.length_in_words(float(np.hypot(east, north)) / 1000)}, {text.number(late / 3600)} h",
         ),
     ]
     for k, (name, value) in enumerate(rows):
@@ -361,7 +365,7 @@ def _names(figure: Figure, marks: Sequence[Mark]) -> None:
 
 def _quantiles(origin: Origin) -> list[np.datetime64]:
     """Return the times before which 10, 50 and 90 % of the release lie."""
-    summary = backward.summary(origin)
+    summary = backward.summary_of_origin(origin)
     return [
         np.datetime64(str(summary[f"time_{share}"]).removesuffix("Z"), "s")
         for share in (10, 50, 90)

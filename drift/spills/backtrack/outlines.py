@@ -41,31 +41,31 @@ def release_outlines(origin: Origin, shares: Sequence[float] = SHARES) -> Outlin
     )
     found = {}
     for share in shares:
-        inside = within(containment, share)
+        inside = cells_of_share(containment, share)
         last_in, first_out = (
             float(per_nmi2[inside].min()),
             float(per_nmi2.max(where=~inside, initial=0.0)),
         )
         level = float(np.sqrt(last_in * max(first_out, last_in * FLOOR)))
         found[share] = (
-            outline(origin, per_nmi2, level),
+            density_outline(origin, per_nmi2, level),
             float(np.interp(share, levels, sizes)) / NMI**2,
         )
     return Outlines(per_nmi2, containment, found)
 
 
-def within(containment: Array, share: float) -> Array:
+def cells_of_share(containment: Array, share: float) -> Array:
     """Return the cells in the area of a share, at least one, bool (nlat, nlon)."""
     return np.asarray(containment <= max(share, float(containment.min())))
 
 
-def outline(origin: Origin, values: Array, level: float) -> shapely.MultiPolygon:
+def density_outline(origin: Origin, values: Array, level: float) -> shapely.MultiPolygon:
     """Return where a density exceeds a level [deg]; its log is linear between cell centres."""
     floor = level * FLOOR
     field = np.pad(np.log(np.maximum(values, floor)), 1, constant_values=np.log(floor))
     lon, lat = (
         np.concatenate([[2 * edge[0] - axis[0]], axis, [2 * edge[-1] - axis[-1]]])
-        for axis, edge in ((axis, backward.edges(axis)) for axis in (origin.lon, origin.lat))
+        for axis, edge in ((axis, backward.cell_edges(axis)) for axis in (origin.lon, origin.lat))
     )
     contours: Any = contourpy.contour_generator(
         lon, lat, field, fill_type=contourpy.FillType.OuterOffset
@@ -77,7 +77,7 @@ def outline(origin: Origin, values: Array, level: float) -> shapely.MultiPolygon
     return shapely.MultiPolygon([shapely.Polygon(outer, holes) for outer, *holes in polygons])
 
 
-def collection(
+def origin_geojson(
     origin: Origin, finds: Sequence[Mark], attributes: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return areas, mean and finds as a GeoJSON FeatureCollection, cut at the antimeridian.

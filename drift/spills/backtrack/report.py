@@ -31,7 +31,7 @@ def origin_leaves(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
             [("", "Figure", "words"), ("", "Value", "words")],
             rows=[
                 [name.capitalize(), words]
-                for name, words in text.origin_facts(backward.summary(origin)).items()
+                for name, words in text.origin_facts(backward.summary_of_origin(origin)).items()
             ],
             note="Rough backtrack; confirm with a forward run.",
         ),

@@ -12,7 +12,7 @@ from geo import notation
 from geo.notation import NMI
 
 DIGITS = 7  # decimals of a degree: 1 cm
-Row = Mapping[str, float | str]  # of drift.spills.backtrack.backward.summary
+Row = Mapping[str, float | str]  # of drift.spills.backtrack.backward.summary_of_origin
 
 
 def origin_facts(row: Row) -> dict[str, str]:
@@ -28,14 +28,14 @@ def origin_facts(row: Row) -> dict[str, str]:
     )
     return {
         "mean position": notation.position(value["lon_deg"], value["lat_deg"]) or "",
-        "half within": f"{length(value['radius_50_km'])} of it",
-        "90 % within": f"{length(value['radius_90_km'])} of it",
+        "half within": f"{length_in_words(value['radius_50_km'])} of it",
+        "90 % within": f"{length_in_words(value['radius_90_km'])} of it",
         "50 % area": _area(value["area_50_km2"]),
         "90 % area": _area(value["area_90_km2"]),
-        "standard deviation": f"{length(value['east_std_km'])} east, {length(value['north_std_km'])} north"
+        "standard deviation": f"{length_in_words(value['east_std_km'])} east, {length_in_words(value['north_std_km'])} north"
         + (f", {number(value['time_std_h'])} h" if spread else ""),
         "released": released,
-        "error of the mean": f"+- {length(error)}"
+        "error of the mean": f"+- {length_in_words(error)}"
         + (f", +- {number(value['time_error_h'])} h" if spread else "")
         + " (Monte Carlo)",
         "gained from the finds": f"{number(value['information_bit'])} bit beyond the case's own prior",
@@ -43,7 +43,7 @@ def origin_facts(row: Row) -> dict[str, str]:
     }
 
 
-def csv(row: Row, run: str) -> str:
+def origin_csv(row: Row, run: str) -> str:
     """Return the figures as CSV: positions to 1 cm, the others to six digits."""
     cells = [value if isinstance(value, str) else _cell(name, value) for name, value in row.items()]
     return formats.csv_text([*row, "run_id"], [[*cells, run]])
@@ -57,7 +57,7 @@ def _group(iso: float | str) -> str:
     return notation.format_dtg(np.datetime64(str(iso).removesuffix("Z"), "s"))
 
 
-def length(km: float) -> str:
+def length_in_words(km: float) -> str:
     """Return a length [km] as text in nautical miles and kilometres."""
     return f"{number(1000 * km / NMI)} nmi ({number(km)} km)"
 

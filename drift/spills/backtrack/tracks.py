@@ -58,7 +58,7 @@ class Beaches:
     of_find: Sequence[int]  # number of a segment, -1 at sea
 
 
-def begin(
+def draw_backward_particles(
     spec: EnsembleSpec,
     spill: Spill,
     worlds: Worlds,
@@ -105,7 +105,7 @@ def _equip(
 ) -> Ensemble:
     """Return an ensemble with worlds, leeway and errors for every class."""
     seed = noise.seed_for(spec.seed, Purpose.BACKWARD)  # independent of the forward run's noise
-    ensemble, key = record.empty(seed, bounds, release.columns(worlds)), noise.key(seed)
+    ensemble, key = record.empty(seed, bounds, release.columns_of_worlds(worlds)), noise.key(seed)
     world = np.concatenate(
         [np.repeat(np.arange(worlds.size, dtype=np.int32), group.count) for group in groups]
     )
@@ -122,7 +122,7 @@ def _equip(
         for name in drift.LEEWAY:
             kernel.scale_windage(*slots[:2], ensemble.own[name], ensemble.world, factor)
         drift.draw_errors(ensemble, slots, key, spec.errors.unbiased())
-    release.belong(ensemble, worlds)
+    release.copy_world_values(ensemble, worlds)
     return ensemble
 
 
@@ -157,7 +157,7 @@ def _place(
             x, y, wet = _off_beach(
                 edges[segments.of_edge == segment], coast, shape[0] * shape[1], rng
             )
-            rate = float(evidence.rates(spill.reporting, segments)[segment])
+            rate = float(evidence.reporting_rates(spill.reporting, segments)[segment])
             wait = _wait(find, spill, rate, worlds, group.count, rng)
             log_weight[slots] = _log_missed(find, spill, segments, segment, wait).ravel()
             start += wait
@@ -241,13 +241,17 @@ def _log_missed(find: Find, spill: Spill, segments: Segments, segment: int, wait
     log_missed = np.zeros(wait.shape)
     for patrol in spill.patrols:
         before = (find.time - patrol.time) / SECOND
-        if patrol.name != find.by and before > 0 and segment in evidence.walked(patrol, segments):
+        if (
+            patrol.name != find.by
+            and before > 0
+            and segment in evidence.stretches_of_patrol(patrol, segments)
+        ):
             with np.errstate(divide="ignore"):
                 log_missed += np.where(wait > before, np.log1p(-patrol.detection), 0.0)
     return log_missed
 
 
-def afloat(kind: Kind, time: Real, age: Real) -> Real:
+def probability_not_sunk(kind: Kind, time: Real, age: Real) -> Real:
     """Return the probability that an object has not sunk at an age, (worlds, n).
 
     Args:

@@ -49,7 +49,7 @@ def cut_stretches(spill: Spill, coast: Coast) -> Segments:
 
 def build_evidence(
     period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds
-) -> finds.Known:
+) -> finds.SpillEvidence:
     """Return the finds and patrols of a spill, on stretches and in seconds after the start.
 
     Args:
@@ -85,12 +85,12 @@ def build_evidence(
     ]
     last = max([find.time for find in detections] + [patrol.time for patrol in patrols], default=0)
     until = spill.reporting.until
-    return finds.Known(
+    return finds.SpillEvidence(
         _number_priors(spill),
         tuple(detections),
         patrols,
         exposure.Reporting(
-            rates(spill.reporting, segments), spill.reporting.removal, worlds.reporting
+            reporting_rates(spill.reporting, segments), spill.reporting.removal, worlds.reporting
         ),
         segments.length,
         float(last if until is None else period.elapsed(until)),
@@ -101,7 +101,7 @@ def _place_evidence(
     spill: Spill, segments: Segments, coast: Coast
 ) -> tuple[list[tuple[int, ...]], list[int]]:
     """Return the stretches that each patrol walked, and the stretch of each find (-1: at sea)."""
-    walks = [tuple(walked(patrol, segments)) for patrol in spill.patrols]
+    walks = [tuple(stretches_of_patrol(patrol, segments)) for patrol in spill.patrols]
     names = [patrol.name for patrol in spill.patrols]
     places = [stretch_of_find(find, segments, coast) for find in spill.finds]
     for find, stretch in zip(spill.finds, places, strict=True):
@@ -134,7 +134,7 @@ def _number_priors(spill: Spill) -> finds.Numbers:
     )
 
 
-def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
+def reporting_rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
     """Return the reporting rate of an object on each stretch [1/s], (S,), by kind of shore.
 
     Raises:
@@ -158,7 +158,7 @@ def stretch_of_find(find: Find, segments: Segments, coast: Coast) -> int:
         UserError: the find is not on the coast; the message has the nearest coast and its distance.
     """
     if find.stretch is not None:
-        return named(find.stretch, find.name, segments)
+        return stretch_by_name(find.stretch, find.name, segments)
     binary = sphere.to_binary([find.lon]), sphere.to_binary([find.lat])
     land = bool(shoreline.is_land(coast, *binary)[0])
     if find.at_sea:
@@ -186,7 +186,7 @@ def stretch_of_find(find: Find, segments: Segments, coast: Coast) -> int:
     return stretches.nearest_segment(segments, coast, find.lon, find.lat)[0]
 
 
-def named(name: str, place: str, segments: Segments) -> int:
+def stretch_by_name(name: str, place: str, segments: Segments) -> int:
     """Return the number of a stretch by its name, its id or its number.
 
     Args:
@@ -216,7 +216,7 @@ def named(name: str, place: str, segments: Segments) -> int:
     )
 
 
-def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
+def stretches_of_patrol(patrol: Patrol, segments: Segments) -> Sequence[int]:
     """Return the stretches that a patrol searched.
 
     They are those named, or those beside the straight line between the patrol's ends.
@@ -225,7 +225,9 @@ def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
         UserError: there are none, or a name is unknown.
     """
     if patrol.ends is None:
-        return [named(name, f'patrol "{patrol.name}"', segments) for name in patrol.stretches]
+        return [
+            stretch_by_name(name, f'patrol "{patrol.name}"', segments) for name in patrol.stretches
+        ]
     (lon, lat), end = patrol.ends
     start = math.radians(lon), math.radians(lat)
     x, y = sphere.offset(*start, np.radians(segments.lon), np.radians(segments.lat))

@@ -137,7 +137,7 @@ def _log_unfound(exposed: Exposure, segment: int, rows: slice | Array, until: Re
     return np.asarray(-exposed.loss[rows] * (until - arrival) + passed)
 
 
-def reported(exposed: Exposure, segment: int, until: float) -> tuple[slice, Real]:
+def reported_probability(exposed: Exposure, segment: int, until: float) -> tuple[slice, Real]:
     """Return the chance of each stay on a stretch of being reported by the public by a time.
 
     Args:
@@ -166,7 +166,7 @@ def reported(exposed: Exposure, segment: int, until: float) -> tuple[slice, Real
     return rows, total * exposed.report[rows] / np.where(loss > 0, loss, 1.0)
 
 
-def public(exposed: Exposure, segment: int, time: float) -> tuple[slice, Real]:
+def report_density(exposed: Exposure, segment: int, time: float) -> tuple[slice, Real]:
     """Return the density [1/s] of a public report at a time for each stay on a stretch.
 
     Args:
@@ -185,7 +185,7 @@ def public(exposed: Exposure, segment: int, time: float) -> tuple[slice, Real]:
     )
 
 
-def lying(exposed: Exposure, segment: int, time: float) -> Real:
+def lying_probability(exposed: Exposure, segment: int, time: float) -> Real:
     """Return the chance of each stay of lying unfound on a stretch at a time.
 
     Args:
@@ -205,7 +205,7 @@ def lying(exposed: Exposure, segment: int, time: float) -> Real:
     )
 
 
-def searched(exposed: Exposure, segment: int, patrol: int) -> tuple[slice, Real]:
+def patrol_probability(exposed: Exposure, segment: int, patrol: int) -> tuple[slice, Real]:
     """Return the chance of each stay on a stretch of being found by a patrol.
 
     Args:
@@ -225,7 +225,7 @@ def searched(exposed: Exposure, segment: int, patrol: int) -> tuple[slice, Real]
     return rows, there * np.exp(np.minimum(alive, 0.0)) * exposed.patrols[patrol].detection
 
 
-def found(exposed: Exposure, now: float, before: bool = False) -> Real:
+def found_probability(exposed: Exposure, now: float, before: bool = False) -> Real:
     """Return every particle's probability of having been found by a time, by any means.
 
     Args:
@@ -238,10 +238,10 @@ def found(exposed: Exposure, now: float, before: bool = False) -> Real:
     """
     chance = np.zeros(exposed.slot.size)
     for s in exposed.touched.tolist():
-        rows, total = reported(exposed, s, now)
+        rows, total = reported_probability(exposed, s, now)
         for k in exposed.visits[s]:
             time = exposed.patrols[k].time
             if time < now or (time == now and not before):
-                total = total + searched(exposed, s, k)[1]
+                total = total + patrol_probability(exposed, s, k)[1]
         chance[rows] = total
     return np.minimum(np.bincount(exposed.slot, chance, exposed.fates.world.size), 1.0)

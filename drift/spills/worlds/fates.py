@@ -42,7 +42,7 @@ class Adrift:
     status: Ints
 
 
-class Source(Protocol):
+class FatesSource(Protocol):
     """The fates of all particles, in parts of whole worlds."""
 
     @property

@@ -32,16 +32,18 @@ from drift.engine.particles import partials, weights
 from drift.engine.particles.status import Status
 from drift.spills.worlds import exposure, shrinkage
 from drift.spills.worlds.exposure import Exposure, Reporting, Walk
-from drift.spills.worlds.fates import Adrift, Fates, Source
+from drift.spills.worlds.fates import Adrift, Fates, FatesSource
 from geo import sphere
 from geo.array import Real
 from geo.errors import UserError
 
 Counts = tuple[int, ...]  # finds that are from this spill, by class
-Standing = Callable[[Fates], Real]  # number of objects that each particle represents, (n,)
+ObjectsPerParticle = Callable[
+    [Fates], Real
+]  # number of objects that each particle represents, (n,)
 # A function of exposure and stretch: the stretch's rows, and each row's chance of the find; and the
 # stretches to which it applies.
-Law = tuple[Callable[[Exposure, int], tuple[slice, Real]], Sequence[int]]
+FindLaw = tuple[Callable[[Exposure, int], tuple[slice, Real]], Sequence[int]]
 
 FAR = 6.0  # [radii] a particle farther from a find at sea does not count
 SAMPLE = 2000  # particles from which the surprise of a find at sea is estimated
@@ -99,7 +101,7 @@ class Numbers:
 
 
 @dataclass(frozen=True)
-class Known:
+class SpillEvidence:
     """The evidence on a spill up to `now` [s after start]."""
 
     numbers: Numbers
@@ -118,11 +120,11 @@ class Posterior:
     log_likelihood, weight: (W,). effective: effective sample size of the worlds. objects,
     destroyed: posteriors of the numbers' grids. counts: possible numbers of finds from this spill,
     by class; chosen: their probabilities, (len(counts), W). share: probability of having been
-    found, by world and class, (W, classes), drawn toward that of other worlds. alien: posterior
+    found, by world and class, (W, classes), drawn toward that of other worlds. unrelated: posterior
     probability that each find is not from this spill, (finds,).
     """
 
-    known: Known
+    known: SpillEvidence
     log_likelihood: Real
     weight: Real
     effective: float
@@ -131,7 +133,7 @@ class Posterior:
     counts: tuple[Counts, ...]
     chosen: Real
     share: Real
-    alien: Real
+    unrelated: Real
 
 
 @dataclass(frozen=True)
@@ -166,18 +168,18 @@ class _WorldSums:
 class _Evidence:
     """Log densities of the finds by class and world, (finds, classes, W).
 
-    alien: log density of each find if it is not from this spill, (finds,).
+    unrelated: log density of each find if it is not from this spill, (finds,).
     """
 
     density: Real
-    alien: Real
-    similarity: shrinkage.Likeness
+    unrelated: Real
+    similarity: shrinkage.WorldSimilarity
     prior: Real  # (W,) log weights of the worlds before any find, normalised
 
 
 def posterior(
-    fates: Source,
-    known: Known,
+    fates: FatesSource,
+    known: SpillEvidence,
     latent: Real,
     log_weight: Real,
     member: npt.NDArray[np.int32] | None = None,
@@ -202,38 +204,40 @@ def posterior(
     if not known.finds and not known.patrols:
         return _posterior_given(known, world_sums, evidence, (), 0)
     possible = tuple(k for k, find in enumerate(known.finds) if find.false < 1)
-    weighed, alien = (
+    weighed, unrelated = (
         _posterior_given(known, world_sums, evidence, possible, 0),
         np.zeros(len(known.finds)),
     )
     log_evidence = special.logsumexp(evidence.prior + weighed.log_likelihood)
     # Bayes over the worlds: the likelihood without the find, times its density as a false find
     for k, find in enumerate(known.finds):
-        if np.isfinite(evidence.alien[k]):
+        if np.isfinite(evidence.unrelated[k]):
             without_find = _posterior_given(
                 known, world_sums, evidence, tuple(j for j in possible if j != k), 0
             ).log_likelihood
-            alien[k] = np.exp(
+            unrelated[k] = np.exp(
                 min(
-                    evidence.alien[k]
+                    evidence.unrelated[k]
                     + special.logsumexp(evidence.prior + without_find)
                     - log_evidence,
                     0.0,
                 )
             )
         elif find.false >= 1:
-            alien[k] = 1.0
-    return replace(weighed, alien=alien)
+            unrelated[k] = 1.0
+    return replace(weighed, unrelated=unrelated)
 
 
-def found(part: Fates, known: Known) -> Real:
+def found(part: Fates, known: SpillEvidence) -> Real:
     """Return the probability of each of some particles of having been found by now, (n,)."""
     if not known.finds and not known.patrols:
         return np.zeros(part.world.size)
-    return exposure.found(exposure.expose(part, known.reporting, known.patrols), known.now)
+    return exposure.found_probability(
+        exposure.expose(part, known.reporting, known.patrols), known.now
+    )
 
 
-def usual(fates: Source, known: Known, log_weight: Real) -> Real:
+def usual(fates: FatesSource, known: SpillEvidence, log_weight: Real) -> Real:
     """Return B of each find that may be false: the prior mean density of true finds.
 
     Finds of other origin do not change when worlds are drawn again, so B is computed once, from the
@@ -252,7 +256,7 @@ def usual(fates: Source, known: Known, log_weight: Real) -> Real:
     return _mean_densities(fates, known, _log_prior(fates, log_weight))
 
 
-def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0) -> float:
+def tempering_exponent(log_likelihood: Real, least: float, log_weight: Real | float = 0.0) -> float:
     """Return the largest exponent in (0, 1] that leaves `least` effective worlds, by bisection.
 
     Args:
@@ -277,8 +281,8 @@ def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0)
 
 
 def surprises(
-    fates: Source,
-    known: Known,
+    fates: FatesSource,
+    known: SpillEvidence,
     latent: Real,
     log_weight: Real,
     member: npt.NDArray[np.int32] | None = None,
@@ -289,7 +293,7 @@ def surprises(
     """
     world_sums = _sums_by_world(fates, known, [(find.time, True) for find in known.finds])
     evidence = _evidence(fates, known, world_sums, latent, log_weight, member)
-    multiplicity: dict[int, Standing] = {}
+    multiplicity: dict[int, ObjectsPerParticle] = {}
     earlier: tuple[int, ...] = ()
     for number in sorted(range(len(known.finds)), key=lambda k: known.finds[k].time):
         multiplicity[number] = _posterior_multiplicity(
@@ -314,11 +318,11 @@ def surprises(
     return tuple(Surprise(known.finds[k], *odds[k]) for k in multiplicity)
 
 
-def _particles_per_class(fates: Source, classes: int) -> npt.NDArray[np.int64]:
+def _particles_per_class(fates: FatesSource, classes: int) -> npt.NDArray[np.int64]:
     return np.pad(fates.counts, (0, classes - len(fates.counts)))
 
 
-def _mean_multiplicity(fates: Source, numbers: Numbers, probability: Real) -> Real:
+def _mean_multiplicity(fates: FatesSource, numbers: Numbers, probability: Real) -> Real:
     """Return the mean number of objects that a particle of each class represents, (classes,)."""
     return np.asarray(
         probability
@@ -327,7 +331,9 @@ def _mean_multiplicity(fates: Source, numbers: Numbers, probability: Real) -> Re
     )
 
 
-def _posterior_multiplicity(fates: Source, kind: int | None, weighed: Posterior) -> Standing:
+def _posterior_multiplicity(
+    fates: FatesSource, kind: int | None, weighed: Posterior
+) -> ObjectsPerParticle:
     """Return the expected number of objects (of a class or all) that each particle represents."""
     each = _mean_multiplicity(fates, weighed.known.numbers, weighed.objects)
     if kind is not None:
@@ -345,7 +351,9 @@ def _by_world(part: Fates, slot: npt.NDArray[np.int32], value: Real, classes: in
     return np.reshape(sums, (2, classes, part.many))
 
 
-def _sums_by_world(fates: Source, known: Known, times: Sequence[tuple[float, bool]]) -> _WorldSums:
+def _sums_by_world(
+    fates: FatesSource, known: SpillEvidence, times: Sequence[tuple[float, bool]]
+) -> _WorldSums:
     """Return the sums over particles that the likelihood of each world needs.
 
     times: by which particles have been found, and whether patrols at that very time are left out.
@@ -362,13 +370,13 @@ def _sums_by_world(fates: Source, known: Known, times: Sequence[tuple[float, boo
                 part, *_find_densities(known, exposed, k), classes
             )
         for k, (time, before) in enumerate(times):
-            chance = exposure.found(exposed, time, before)
+            chance = exposure.found_probability(exposed, time, before)
             by_then[k, :, :, part.here] = _by_world(part, every, chance, classes)
     return _WorldSums(density, by_then, _particles_per_class(fates, classes))
 
 
 def _expected_by_stretch(
-    fates: Source, known: Known, requests: Sequence[tuple[Standing, Law]]
+    fates: FatesSource, known: SpillEvidence, requests: Sequence[tuple[ObjectsPerParticle, FindLaw]]
 ) -> list[Real]:
     """Return the expected number of finds on each stretch, (S,), for each request.
 
@@ -392,23 +400,23 @@ def _expected_by_stretch(
 
 
 def _evidence(
-    fates: Source,
-    known: Known,
+    fates: FatesSource,
+    known: SpillEvidence,
     world_sums: _WorldSums,
     latent: Real,
     log_weight: Real,
     member: npt.NDArray[np.int32] | None = None,
 ) -> _Evidence:
     classes = known.numbers.shares.size
-    similarity, prior = shrinkage.likeness(latent, member), _log_prior(fates, log_weight)
+    similarity, prior = shrinkage.world_similarity(latent, member), _log_prior(fates, log_weight)
     mean_density = known.usual if known.usual is not None else _mean_densities(fates, known, prior)
     density = np.full((len(known.finds), classes, fates.worlds), -np.inf)
-    alien = np.full(len(known.finds), -np.inf)
+    unrelated = np.full(len(known.finds), -np.inf)
     for k, find in enumerate(known.finds):
         sums, squares = world_sums.density[k]
         for c in range(classes) if find.kind is None else [find.kind]:
             density[k, c] = np.log(
-                shrinkage.rates(
+                shrinkage.shrink_means(
                     sums[c],
                     squares[c],
                     int(world_sums.each[c]),
@@ -417,12 +425,12 @@ def _evidence(
                 )
             )
         if 0 < find.false < 1:
-            alien[k] = special.logit(find.false) + np.log(mean_density[k])
-    return _Evidence(density, alien, similarity, prior)
+            unrelated[k] = special.logit(find.false) + np.log(mean_density[k])
+    return _Evidence(density, unrelated, similarity, prior)
 
 
 def _find_densities(
-    known: Known, exposed: Exposure, number: int
+    known: SpillEvidence, exposed: Exposure, number: int
 ) -> tuple[npt.NDArray[np.int32], Real]:
     """Return slots, and their densities of being found in the way of a find."""
     find = known.finds[number]
@@ -434,16 +442,16 @@ def _find_densities(
     return exposed.slot[rows], value
 
 
-def _find_law(known: Known, find: Detection) -> Law:
+def _find_law(known: SpillEvidence, find: Detection) -> FindLaw:
     """Return the law by which particles ashore are found in the way of a find."""
     if find.by is not None:
-        return partial(exposure.searched, patrol=find.by), known.patrols[find.by].segments
+        return partial(exposure.patrol_probability, patrol=find.by), known.patrols[find.by].segments
     if find.latest:
-        return partial(exposure.reported, until=find.time), range(known.length.size)
-    return partial(exposure.public, time=find.time), range(known.length.size)
+        return partial(exposure.reported_probability, until=find.time), range(known.length.size)
+    return partial(exposure.report_density, time=find.time), range(known.length.size)
 
 
-def _largest_density(known: Known, find: Detection) -> float:
+def _largest_density(known: SpillEvidence, find: Detection) -> float:
     """Return the density of a find for an object that is at its place and time with certainty."""
     if isinstance(find.place, AtSea):
         return find.place.chance / (2 * np.pi * find.place.radius**2)
@@ -469,13 +477,13 @@ def _near(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:
     return slot[inside], distance[inside]
 
 
-def _log_prior(fates: Source, log_weight: Real) -> Real:
+def _log_prior(fates: FatesSource, log_weight: Real) -> Real:
     """Return the normalised log weights of the worlds before any find, (W,)."""
     shares = weights.shares(np.broadcast_to(np.asarray(log_weight, float), fates.worlds))
     return np.asarray(np.log(shares + 1e-300))
 
 
-def _mean_densities(fates: Source, known: Known, prior: Real) -> Real:
+def _mean_densities(fates: FatesSource, known: SpillEvidence, prior: Real) -> Real:
     """Return B of each find that may be false, (finds,), at least 1e-300; 0 for other finds."""
     doubtful = {k: find for k, find in enumerate(known.finds) if 0 < find.false < 1}
     density, numbers = np.zeros(len(known.finds)), known.numbers
@@ -489,7 +497,10 @@ def _mean_densities(fates: Source, known: Known, prior: Real) -> Real:
 
     first_release = float(min(part.release.min() for part in fates.parts()))
     patrols = {find.by: _find_law(known, find) for find in doubtful.values() if find.by is not None}
-    all_reported: Law = partial(exposure.reported, until=known.now), range(known.length.size)
+    all_reported: FindLaw = (
+        partial(exposure.reported_probability, until=known.now),
+        range(known.length.size),
+    )
     public, *by_patrol = _expected_by_stretch(
         fates, known, [(multiplicity, law) for law in (all_reported, *patrols.values())]
     )
@@ -513,7 +524,7 @@ def _mean_densities(fates: Source, known: Known, prior: Real) -> Real:
     return np.where([k in doubtful for k in range(density.size)], np.maximum(density, 1e-300), 0.0)
 
 
-def _density_ashore(known: Known, expected: Real) -> float:
+def _density_ashore(known: SpillEvidence, expected: Real) -> float:
     """Return the mean density of public finds by metre of coast and reporting rate.
 
     The mean is over the expected finds (S,), not over the coast, whose length depends on the
@@ -524,7 +535,9 @@ def _density_ashore(known: Known, expected: Real) -> float:
     return float((expected[there] ** 2 / exposures).sum() / max(expected.sum(), 1e-300))
 
 
-def _density_at_sea(fates: Source, number: int, place: AtSea, multiplicity: Standing) -> float:
+def _density_at_sea(
+    fates: FatesSource, number: int, place: AtSea, multiplicity: ObjectsPerParticle
+) -> float:
     """Return the density of finds [1/m2] in a uniform ellipse as wide as the particles adrift."""
     lon, lat = np.radians(place.lon), np.radians(place.lat)
 
@@ -559,7 +572,7 @@ def _density_at_sea(fates: Source, number: int, place: AtSea, multiplicity: Stan
 
 
 def _posterior_given(
-    known: Known,
+    known: SpillEvidence,
     world_sums: _WorldSums,
     evidence: _Evidence,
     ours: tuple[int, ...],
@@ -575,14 +588,16 @@ def _posterior_given(
     share = np.empty((worlds, classes))
     for c in range(classes):
         spread = np.maximum(square[c] - mean[c] ** 2, 0)
-        share[:, c] = shrinkage.share(mean[c], spread, int(world_sums.each[c]), evidence.similarity)
+        share[:, c] = shrinkage.shrink_shares(
+            mean[c], spread, int(world_sums.each[c]), evidence.similarity
+        )
     counted = _log_density_by_counts(evidence, ours, classes, worlds)
     size = np.full((len(counted), worlds), -np.inf)
     objects = np.full((worlds, numbers.objects.size), -np.inf)
     destroyed = np.full((worlds, numbers.destroyed.size), -np.inf)
     for k, (counts, log) in enumerate(counted.items()):
-        for batch in together(worlds):
-            joint = log[batch, None, None] + joint_of(numbers, counts, share[batch])
+        for batch in world_ranges(worlds):
+            joint = log[batch, None, None] + log_joint_of_numbers(numbers, counts, share[batch])
             size[k, batch] = special.logsumexp(joint, axis=(1, 2))
             objects[batch] = np.logaddexp(objects[batch], special.logsumexp(joint, axis=2))
             destroyed[batch] = np.logaddexp(destroyed[batch], special.logsumexp(joint, axis=1))
@@ -635,18 +650,18 @@ def _log_density_by_counts(
             for c in np.flatnonzero(np.isfinite(evidence.density[k]).any(axis=1)):
                 more = (*counts[:c], counts[c] + 1, *counts[c + 1 :])
                 add(more, log + evidence.density[k, c])
-            if np.isfinite(evidence.alien[k]):
-                add(counts, log + evidence.alien[k])
+            if np.isfinite(evidence.unrelated[k]):
+                add(counts, log + evidence.unrelated[k])
         by_counts = ahead
     return by_counts
 
 
-def together(worlds: int) -> Iterator[slice]:
+def world_ranges(worlds: int) -> Iterator[slice]:
     """Yield ranges of worlds in batches: the sum over their numbers takes up to 8 kB a world."""
     return (slice(first, min(first + TOGETHER, worlds)) for first in range(0, worlds, TOGETHER))
 
 
-def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
+def log_joint_of_numbers(numbers: Numbers, counts: Counts, share: Real) -> Real:
     """Return the log of prior times likelihood of the numbers of finds by class, without densities.
 
     Args:
@@ -676,13 +691,13 @@ def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
     return np.asarray(joint)
 
 
-def remaining(weighed: Posterior) -> Real:
+def remaining_objects(weighed: Posterior) -> Real:
     """Return the mean number of objects of each world neither destroyed nor found, (W, classes)."""
     numbers, left = weighed.known.numbers, np.zeros_like(weighed.share)
     destroyed = numbers.destroyed
     for counts, chosen in zip(weighed.counts, weighed.chosen, strict=True):
-        for batch in together(len(left)):
-            joint = joint_of(numbers, counts, weighed.share[batch])
+        for batch in world_ranges(len(left)):
+            joint = log_joint_of_numbers(numbers, counts, weighed.share[batch])
             peak = joint.max((1, 2), keepdims=True)
             mass = np.exp(joint - np.where(np.isfinite(peak), peak, 0.0))
             mass *= (chosen[batch] / np.maximum(mass.sum((1, 2)), 1e-300))[:, None, None]
@@ -708,7 +723,7 @@ def _surprise_ashore(rate: Real, place: int) -> tuple[float, float]:
 
 
 def _surprise_at_sea(
-    fates: Source, number: int, place: AtSea, multiplicity: Standing
+    fates: FatesSource, number: int, place: AtSea, multiplicity: ObjectsPerParticle
 ) -> tuple[float, float]:
     """Return the probability of a place at sea, and that of all places at most as probable.
 

@@ -13,7 +13,7 @@ from geo.array import Array
 
 
 @dataclass(frozen=True)
-class Kept:
+class StoredFates:
     """A Source of fates (drift.spills.worlds.fates), readable as long as the run's files exist."""
 
     snapshots: SnapshotStore
@@ -53,7 +53,7 @@ class Kept:
             release=portion.read("release"),
             ended=np.where(over, since, FOREVER).astype(np.int32),
             ending=ending.astype(np.int32),
-            stays=strandings.stays(portion, self.of_edge),
+            stays=strandings.read_stays(portion, self.of_edge),
             adrift=adrift,
             some=(first, last),
         )

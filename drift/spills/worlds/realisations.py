@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.spills.worlds import finds
-from drift.spills.worlds.fates import Fates, Realisation, Source
-from drift.spills.worlds.finds import Numbers, Posterior, joint_of, together
+from drift.spills.worlds.fates import Fates, FatesSource, Realisation
+from drift.spills.worlds.finds import Numbers, Posterior, log_joint_of_numbers, world_ranges
 from geo.array import Array
 from kernels.maths import noise
 from kernels.maths.noise import Purpose
@@ -21,7 +21,7 @@ Ints = npt.NDArray[np.int64]
 
 
 def realise(
-    fates: Source, posterior: Posterior, seed: int, count: int
+    fates: FatesSource, posterior: Posterior, seed: int, count: int
 ) -> Iterator[tuple[Fates, list[Realisation]]]:
     """Draw `count` complete spills for each part of the fates, and yield them part by part.
 
@@ -104,9 +104,11 @@ def _draw_numbers(
     share_lost, ours = np.zeros(worlds), np.zeros(worlds, np.int64)
     for k in np.unique(which):
         worlds_of_counts = np.flatnonzero(which == k)
-        for own in together(worlds_of_counts.size):
+        for own in world_ranges(worlds_of_counts.size):
             at = worlds_of_counts[own]
-            joint = joint_of(numbers, posterior.counts[k], posterior.share[at]).reshape(at.size, -1)
+            joint = log_joint_of_numbers(numbers, posterior.counts[k], posterior.share[at]).reshape(
+                at.size, -1
+            )
             peak = joint.max(1, keepdims=True)
             mass = np.cumsum(np.exp(joint - np.where(np.isfinite(peak), peak, 0.0)), axis=1)
             cell = np.minimum(

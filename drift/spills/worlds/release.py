@@ -23,7 +23,7 @@ from kernels.step import prior as kernel
 from kernels.step.coast import DeviceCoast
 
 
-def per_world(spill: Spill) -> tuple[int, ...]:
+def particles_per_class(spill: Spill) -> tuple[int, ...]:
     """Return the number of particles of each class in a world.
 
     It is in proportion to the share of the class, at least a hundredth of all and about ten.
@@ -37,7 +37,7 @@ def per_world(spill: Spill) -> tuple[int, ...]:
     return tuple(int(n) for n in np.diff(ends, prepend=0))
 
 
-def layout(spill: Spill, first: int = 0, last: int | None = None) -> Layout:
+def layout_of_worlds(spill: Spill, first: int = 0, last: int | None = None) -> Layout:
     """Return the slots of each class for a range of worlds.
 
     Args:
@@ -48,7 +48,7 @@ def layout(spill: Spill, first: int = 0, last: int | None = None) -> Layout:
     Returns:
         The slots.
     """
-    counts = np.array(per_world(spill))
+    counts = np.array(particles_per_class(spill))
     worlds = (spill.worlds if last is None else last) - first
     bounds = (0, *(int(n) for n in np.cumsum(counts) * worlds))
     numbers = tuple(int(n) for n in (np.cumsum(counts) - counts) * spill.worlds + counts * first)
@@ -74,17 +74,17 @@ def draw_release(
     Raises:
         UserError: too many objects scattered about a release found no water.
     """
-    ensemble, dry = drawn(spill, worlds, period, errors, coast, seed)
-    check(spill, dry)
+    ensemble, dry = draw_some_worlds(spill, worlds, period, errors, coast, seed)
+    check_water(spill, dry)
     return ensemble
 
 
-def check(spill: Spill, dry: Array) -> None:
+def check_water(spill: Spill, dry: Array) -> None:
     """Raise UserError if too many objects found no water.
 
     dry: number of objects of each class that found none, of all worlds, (classes,).
     """
-    for failed, count in zip(dry.tolist(), per_world(spill), strict=True):
+    for failed, count in zip(dry.tolist(), particles_per_class(spill), strict=True):
         if failed > 0.01 * count * spill.worlds:
             raise UserError(
                 f"[spill] release_std: {failed:,} of {count * spill.worlds:,} objects found no "
@@ -92,7 +92,7 @@ def check(spill: Spill, dry: Array) -> None:
             )
 
 
-def drawn(
+def draw_some_worlds(
     spill: Spill,
     worlds: Worlds,
     period: Period,
@@ -115,9 +115,9 @@ def drawn(
     Returns:
         The ensemble, and the number of objects of each class without water, int64 (classes,).
     """
-    counts, own = per_world(spill), own or layout(spill)
+    counts, own = particles_per_class(spill), own or layout_of_worlds(spill)
     ensemble, key, dry = (
-        record.empty(seed, own, columns(worlds)),
+        record.empty(seed, own, columns_of_worlds(worlds)),
         noise.key(seed),
         np.zeros(len(counts), np.int64),
     )
@@ -168,19 +168,19 @@ def drawn(
         drift.draw_errors(ensemble, slots, key, errors.unbiased())
         with np.errstate(divide="ignore"):
             log_weight[slots.first : slots.last] = np.log(kind.share) - np.log(count * spill.worlds)
-    belong(ensemble, worlds)
+    copy_world_values(ensemble, worlds)
     # So far `world` counted from the first of these worlds; make it the number in the whole run.
     ensemble.world.from_numpy(ensemble.world.to_numpy() + np.int32(own.numbers[0] // counts[0]))
     ensemble.log_weight.from_numpy(log_weight)
     return ensemble, dry
 
 
-def columns(worlds: Worlds) -> tuple[Column, ...]:
+def columns_of_worlds(worlds: Worlds) -> tuple[Column, ...]:
     """Return the columns of the particles of worlds besides the core columns."""
     return drift.COLUMNS if worlds.member is None else (*drift.COLUMNS, members.COLUMN)
 
 
-def belong(ensemble: Ensemble, worlds: Worlds) -> None:
+def copy_world_values(ensemble: Ensemble, worlds: Worlds) -> None:
     """Copy its world's values to every particle: the current's error and the ensemble member."""
     share(ensemble, worlds.current_east, worlds.current_north)
     if worlds.member is not None:

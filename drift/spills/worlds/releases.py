@@ -27,7 +27,7 @@ Places = tuple[Real, Real, npt.NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
-class Law:
+class ReleaseLaw:
     """Mapping from latents to releases; only uncertain quantities have a latent.
 
     time: [s since 1970], (w,) int64.
@@ -38,31 +38,33 @@ class Law:
     time: Callable[[Latents], npt.NDArray[np.int64]]
 
 
-def law(prior: ReleasePrior) -> Law:
+def release_law(prior: ReleasePrior) -> ReleaseLaw:
     """Return the law of the worlds' releases for a prior."""
-    of_kind: Callable[[Any], Law] = LAWS[type(prior)]
+    of_kind: Callable[[Any], ReleaseLaw] = LAWS[type(prior)]
     return of_kind(prior)
 
 
-def _position(prior: PositionPrior) -> Law:
+def _position(prior: PositionPrior) -> ReleaseLaw:
     names: tuple[str, ...] = ("release_x", "release_y") if prior.major > 0 else ()
     if prior.displacement:
         names += ("displacement", "displacement_direction")
-    return Law(
+    return ReleaseLaw(
         (*names, *_unsure_time(prior)), partial(_about, prior), partial(_within_window, prior)
     )
 
 
-def _area(prior: AreaPrior) -> Law:
+def _area(prior: AreaPrior) -> ReleaseLaw:
     names = ("release_x", "release_y", *_unsure_time(prior))
-    return Law(names, partial(_inside, prior), partial(_within_window, prior))
+    return ReleaseLaw(names, partial(_inside, prior), partial(_within_window, prior))
 
 
-def _trackline(prior: TracklinePrior) -> Law:
-    return Law(("voyage", "cross_track"), partial(_on_track, prior), partial(_on_voyage, prior))
+def _trackline(prior: TracklinePrior) -> ReleaseLaw:
+    return ReleaseLaw(
+        ("voyage", "cross_track"), partial(_on_track, prior), partial(_on_voyage, prior)
+    )
 
 
-LAWS: dict[type, Callable[[Any], Law]] = {
+LAWS: dict[type, Callable[[Any], ReleaseLaw]] = {
     PositionPrior: _position,
     AreaPrior: _area,
     TracklinePrior: _trackline,

@@ -28,8 +28,8 @@ from drift.spills.worlds import (
     washup,
     worlds,
 )
-from drift.spills.worlds.fates import Source
-from drift.spills.worlds.kept import Kept
+from drift.spills.worlds.fates import FatesSource
+from drift.spills.worlds.kept import StoredFates
 from drift.spills.worlds.products import tables as washup_tables
 from drift.spills.worlds.records import Spill
 from drift.spills.worlds.worlds import Proposal, Worlds
@@ -51,7 +51,7 @@ REALISATIONS = 4  # most complete spills for each world
 
 
 @dataclass(frozen=True)
-class Drifted:
+class DriftedRun:
     """A finished run: the particles at its outputs and its end, with their stays on the shore."""
 
     seed: int
@@ -60,13 +60,13 @@ class Drifted:
 
 
 @dataclass(frozen=True)
-class Aftermath:
+class SpillResult:
     """The results of a spill."""
 
     period: Period
     spill: Spill
     segments: Segments
-    fates: Source  # readable as long as the run's files are open
+    fates: FatesSource  # readable as long as the run's files are open
     worlds: Worlds
     prior: Worlds  # worlds of the first round
     posterior: finds.Posterior
@@ -75,7 +75,9 @@ class Aftermath:
     rounds: tuple[float, ...]  # effective worlds in each round
 
 
-def stretches(period: Period, spill: Spill, coast: Coast, prior_worlds: Worlds) -> Segments:
+def stretches_of_spill(
+    period: Period, spill: Spill, coast: Coast, prior_worlds: Worlds
+) -> Segments:
     """Return the stretches of coast for a spill's figures.
 
     Raises:
@@ -86,14 +88,14 @@ def stretches(period: Period, spill: Spill, coast: Coast, prior_worlds: Worlds) 
     return segments
 
 
-def settle(
+def iterate_importance_sampling(
     period: Period,
     spill: Spill,
     coast: Coast,
     segments: Segments,
-    first: Drifted,
-    renew: Callable[[Proposal, int], Drifted],
-) -> tuple[Drifted, Aftermath]:
+    first: DriftedRun,
+    renew: Callable[[Proposal, int], DriftedRun],
+) -> tuple[DriftedRun, SpillResult]:
     """Return the run whose worlds are effective enough given the finds, and its results.
 
     Args:
@@ -112,7 +114,7 @@ def settle(
     drifted, current_worlds, rounds, usual = first, first.worlds, [0.0], None
     while True:
         known = evidence.build_evidence(period, spill, segments, coast, current_worlds)
-        fates = kept(period, spill, drifted.snapshots, segments, known)
+        fates = read_fates(period, spill, drifted.snapshots, segments, known)
         usual = finds.usual(fates, known, current_worlds.log_weight) if usual is None else usual
         known = replace(known, usual=usual)
         posterior = finds.posterior(
@@ -132,16 +134,16 @@ def settle(
         # The exponent interpolates from the density that the worlds were drawn from (0) to the
         # posterior (1), so it never leads back to the prior.
         log_target = posterior.log_likelihood + current_worlds.log_weight
-        proposal = worlds.around(
+        proposal = worlds.proposal_around(
             current_worlds,
-            weights.shares(finds.tempered(log_target, effective_wanted) * log_target),
+            weights.shares(finds.tempering_exponent(log_target, effective_wanted) * log_target),
         )
         drifted = renew(proposal, len(rounds))
         assert drifted.worlds is not None
         current_worlds = drifted.worlds
         rounds.append(0.0)
     drifted.snapshots.reweigh(_log_weights(fates, posterior))
-    aftermath = Aftermath(
+    aftermath = SpillResult(
         period,
         spill,
         segments,
@@ -153,13 +155,13 @@ def settle(
             fates, known, current_worlds.latent, current_worlds.log_weight, current_worlds.member
         ),
         washup.build_washup(
-            realisations.realise(fates, posterior, drifted.seed, spills(spill)),
+            realisations.realise(fates, posterior, drifted.seed, spills_per_world(spill)),
             segments,
             posterior.weight,
             _outputs(period, drifted.snapshots),
             period.start,
             [kind.name for kind in spill.kinds],
-            spills(spill),
+            spills_per_world(spill),
             drifted.snapshots.folder,
         ),
         tuple(rounds),
@@ -167,9 +169,13 @@ def settle(
     return drifted, aftermath
 
 
-def kept(
-    period: Period, spill: Spill, snapshots: SnapshotStore, segments: Segments, known: finds.Known
-) -> Kept:
+def read_fates(
+    period: Period,
+    spill: Spill,
+    snapshots: SnapshotStore,
+    segments: Segments,
+    known: finds.SpillEvidence,
+) -> StoredFates:
     """Return the particles' fates at the end of the run, and positions at finds at sea.
 
     Args:
@@ -188,20 +194,22 @@ def kept(
         for k, find in enumerate(known.finds)
         if isinstance(find.place, finds.AtSea)
     }
-    return Kept(snapshots, spill.worlds, release.per_world(spill), segments.of_edge, at_sea)
+    return StoredFates(
+        snapshots, spill.worlds, release.particles_per_class(spill), segments.of_edge, at_sea
+    )
 
 
-def _log_weights(fates: Source, posterior: finds.Posterior) -> Iterator[Array]:
+def _log_weights(fates: FatesSource, posterior: finds.Posterior) -> Iterator[Array]:
     """Yield the log weights of the particles given the finds, part by part; the largest is 0.
 
     A world's weight is shared among its particles: by class in proportion to the objects still to
     be found, and within a class in proportion to each particle's chance of not having been found.
     """
-    objects_left = finds.remaining(posterior)
+    objects_left = finds.remaining_objects(posterior)
     # if all objects are found, the map shows where they could have been
     if not (objects_left * posterior.weight[:, None]).any():
         objects_left = np.ones_like(objects_left)
-    shared, largest = unfound(fates, posterior.known)
+    shared, largest = unfound_chances(fates, posterior.known)
     with np.errstate(divide="ignore"):
         log_weight_of_class = (
             np.log(posterior.weight)[:, None]
@@ -215,7 +223,7 @@ def _log_weights(fates: Source, posterior: finds.Posterior) -> Iterator[Array]:
         yield (log_weight - top).astype(np.float32)
 
 
-def unfound(fates: Source, known: finds.Known) -> tuple[Real, Real]:
+def unfound_chances(fates: FatesSource, known: finds.SpillEvidence) -> tuple[Real, Real]:
     """Return the sum and the maximum of particles' chances of not being found.
 
     Args:
@@ -242,12 +250,12 @@ def _outputs(period: Period, snapshots: SnapshotStore) -> npt.NDArray[np.int64]:
     return period.seconds(snapshots.time(k) for k in range(len(snapshots)))
 
 
-def spills(spill: Spill) -> int:
+def spills_per_world(spill: Spill) -> int:
     """Return the number of complete spills drawn for each world."""
     return int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
 
 
-def unknown(after: Aftermath) -> dict[str, Any]:
+def rows_of_unknowns(after: SpillResult) -> dict[str, Any]:
     """Return the unknowns before and after the finds (drift.spills.worlds.unknowns)."""
     kinds = [kind.name for kind in after.spill.kinds]
     return unknowns.unknowns_table(
@@ -255,11 +263,11 @@ def unknown(after: Aftermath) -> dict[str, Any]:
     )
 
 
-def summary_of_spill(after: Aftermath) -> dict[str, Any]:
+def summary_of_spill(after: SpillResult) -> dict[str, Any]:
     """Return the figures of a spill for summary.json."""
     data, spill = after.washup, after.spill
     end = data.isel(time=-1)
-    columns = washup_tables.records(data)
+    columns = washup_tables.stretch_columns(data)
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     densest = sorted(
         (row for row in rows if row["expected"] >= SOME), key=lambda row: row["rank_per_km"]
@@ -271,8 +279,8 @@ def summary_of_spill(after: Aftermath) -> dict[str, Any]:
             "particles_per_world": spill.per_world,
             "effective_worlds": after.posterior.effective,
             "effective_worlds_by_round": list(after.rounds),
-            "warning": warning(after),
-            "notes": notes(spill),
+            "warning": joined_warnings(after),
+            "notes": accuracy_notes(spill),
             "stretches": len(after.segments.name),
             "totals": {
                 str(fate): {
@@ -287,35 +295,35 @@ def summary_of_spill(after: Aftermath) -> dict[str, Any]:
             },
             "worst_stretches": rows[:WORST],
             "densest_stretches": densest[:WORST],
-            "patrols": patrols(spill, after.segments),
-            "silence": silence(after),
-            "finds": told(after),
-            "unknowns": unknown(after),
+            "patrols": rows_of_patrols(spill, after.segments),
+            "silence": silence_of_spill(after),
+            "finds": rows_of_finds(after),
+            "unknowns": rows_of_unknowns(after),
         }
     }
 
 
-def told(after: Aftermath) -> list[verdict.Row]:
+def rows_of_finds(after: SpillResult) -> list[verdict.Row]:
     """Return the row of each find (drift.spills.worlds.verdict.COLUMNS), in order of time."""
-    return verdict.rows(after.spill, after.segments, after.posterior, after.surprises)
+    return verdict.find_rows(after.spill, after.segments, after.posterior, after.surprises)
 
 
-def silence(after: Aftermath) -> str | None:
+def silence_of_spill(after: SpillResult) -> str | None:
     """Return up to when the absence of reports is evidence, as text; None without evidence."""
-    return verdict.silence(after.period, after.spill, after.posterior.known.now)
+    return verdict.silence_in_words(after.period, after.spill, after.posterior.known.now)
 
 
-def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
+def rows_of_patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
     """Return each patrol's time, detection probability and searched stretches."""
     rows = []
     for patrol in spill.patrols:
-        walked = list(evidence.walked(patrol, segments))
+        walked = list(evidence.stretches_of_patrol(patrol, segments))
         rows.append(
             {
                 "name": patrol.name,
                 "time": patrol.time,
                 "detection": patrol.detection,
-                "stretches": [washup_tables.stretch(segments, k) for k in walked],
+                "stretches": [washup_tables.stretch_with_town(segments, k) for k in walked],
                 "segments": walked,
                 "length_km": float(segments.length[walked].sum() / 1000),
             }
@@ -323,14 +331,14 @@ def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
     return rows
 
 
-def warning(after: Aftermath) -> str | None:
+def joined_warnings(after: SpillResult) -> str | None:
     """Return the warnings in one sentence; None if there are none."""
-    return "; ".join(warnings(after)) or None
+    return "; ".join(spill_warnings(after)) or None
 
 
-def warnings(after: Aftermath) -> list[str]:
+def spill_warnings(after: SpillResult) -> list[str]:
     """Return warnings of finds that do not fit the spill, and of too few effective worlds."""
-    texts = verdict.odd(told(after))
+    texts = verdict.odd_find_warnings(rows_of_finds(after))
     few, many = _probability_of_number(after)
     if min(few, many) < verdict.ODD:
         how = (
@@ -353,12 +361,12 @@ def warnings(after: Aftermath) -> list[str]:
     return texts
 
 
-def _probability_of_number(after: Aftermath) -> tuple[float, float]:
+def _probability_of_number(after: SpillResult) -> tuple[float, float]:
     """Return the prior probabilities of at most, and of at least, the number of finds ashore."""
     posterior, numbers = after.posterior, after.posterior.known.numbers
     ashore = sum(
-        alien < 0.5 and not isinstance(find.place, finds.AtSea)
-        for find, alien in zip(posterior.known.finds, posterior.alien, strict=True)
+        unrelated < 0.5 and not isinstance(find.place, finds.AtSea)
+        for find, unrelated in zip(posterior.known.finds, posterior.unrelated, strict=True)
     )
     if not posterior.known.finds and not posterior.known.patrols:
         return 1.0, 1.0
@@ -368,7 +376,7 @@ def _probability_of_number(after: Aftermath) -> tuple[float, float]:
         numbers.objects_prior[:, None] * numbers.destroyed_prior,
     )
     count, odds = numbers.objects[:, None], np.empty((len(world_weight), 2))
-    for batch in finds.together(len(world_weight)):
+    for batch in finds.world_ranges(len(world_weight)):
         chance = share[batch, None, None] * (1 - numbers.destroyed)
         odds[batch, 0] = (grid_prior * special.bdtr(np.minimum(ashore, count), count, chance)).sum(
             (1, 2)
@@ -380,7 +388,7 @@ def _probability_of_number(after: Aftermath) -> tuple[float, float]:
     return few, many
 
 
-def notes(spill: Spill) -> list[str]:
+def accuracy_notes(spill: Spill) -> list[str]:
     """Return notes on the accuracy of the figures."""
     if spill.objects[1] <= spill.per_world:
         return []

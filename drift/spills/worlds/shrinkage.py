@@ -32,7 +32,7 @@ SQUARED = (1e-4, 0.01, 0.03, 0.1, 0.2, 0.4, 0.8, 1.6, 4.0, 10.0)
 
 
 @dataclass(frozen=True)
-class Likeness:
+class WorldSimilarity:
     """Similarity of worlds: regression terms of each, and its nearest neighbours.
 
     terms: (W, p) of a quadratic in the latents. near: the nearest other worlds of each, (W, k).
@@ -52,7 +52,7 @@ class Likeness:
         )
 
 
-def likeness(latent: Real, member: npt.NDArray[np.int32] | None = None) -> Likeness:
+def world_similarity(latent: Real, member: npt.NDArray[np.int32] | None = None) -> WorldSimilarity:
     """Return the similarity of worlds by their latents.
 
     The quadratic has fewer terms if worlds are few. Each member of an ensemble of winds and
@@ -93,10 +93,12 @@ def likeness(latent: Real, member: npt.NDArray[np.int32] | None = None) -> Liken
     )
     if member is not None:
         same = member[near] == member[:, None]
-    return Likeness(np.concatenate(terms, axis=1), near, same)
+    return WorldSimilarity(np.concatenate(terms, axis=1), near, same)
 
 
-def rates(total: Real, squares: Real, n: int, similarity: Likeness, full: float = 1.0) -> Real:
+def shrink_means(
+    total: Real, squares: Real, n: int, similarity: WorldSimilarity, full: float = 1.0
+) -> Real:
     """Return each world's mean over its n particles, (W,), drawn toward that of similar worlds.
 
     Sums are modelled as overdispersed Poisson in units of sum(squares) / sum(total).
@@ -135,7 +137,7 @@ def rates(total: Real, squares: Real, n: int, similarity: Likeness, full: float 
     return np.asarray((shape + count) / (rate + 1) * (unit / n))
 
 
-def _nearby(count: Real, mean: Real, similarity: Likeness) -> Real:
+def _nearby(count: Real, mean: Real, similarity: WorldSimilarity) -> Real:
     """Return factors (W,) by which the neighbours' counts correct means: gamma-Poisson, mean 1."""
     if not similarity.near.shape[1]:
         return np.ones_like(mean)
@@ -154,7 +156,7 @@ def _nearby(count: Real, mean: Real, similarity: Likeness) -> Real:
     return np.asarray((best + neighbour_count) / (best + neighbour_mean))
 
 
-def share(mean: Real, variance: Real, n: int, similarity: Likeness) -> Real:
+def shrink_shares(mean: Real, variance: Real, n: int, similarity: WorldSimilarity) -> Real:
     """Return each world's share, drawn toward that of similar worlds (beta-binomial model).
 
     Args:

@@ -71,7 +71,7 @@ class Landings:
         reel.note(BEGUN, np.searchsorted(rows[0], _block_bounds(self.ensemble.layout)))
 
 
-def stays(portion: Portion, of_edge: Array) -> Stays:
+def read_stays(portion: Portion, of_edge: Array) -> Stays:
     """Return the stays of a portion's particles, by their slots in it.
 
     Args:

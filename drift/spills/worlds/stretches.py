@@ -22,7 +22,7 @@ CELLS = 2_000_000  # most rows (a stretch in a world) times output times in memo
 MEANS = ("expected", "probability", "arrived")
 
 
-def settled(fates: Fates) -> dict[str, Array]:
+def consistent_times(fates: Fates) -> dict[str, Array]:
     """Return consistent times of all slots and stays [s]: release, ended, arrival and leave.
 
     "Not yet released" has priority over "ended", and "ended" over "ashore".
@@ -128,7 +128,7 @@ def _count_objects(
     fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array, kinds: int
 ) -> _Rows:
     """Return the rows of some worlds; kinds: number of classes that are counted separately."""
-    times_of_stays, stays, times = settled(fates), fates.stays, len(outputs)
+    times_of_stays, stays, times = consistent_times(fates), fates.stays, len(outputs)
     in_spill = np.zeros(len(fates.world), bool)
     for realisation in realisations:
         in_spill |= realisation.stands > 0
@@ -174,7 +174,9 @@ def _count_objects(
     amounts = [realisation.stands[slot] for realisation in realisations]
     total = np.sum(amounts, axis=0, dtype=np.int32)
     of_kind = [lying(np.where(fates.kind[slot] == kind, total, 0)) for kind in range(kinds)]
-    when = [_arrivals_by_row(row, r, arrival, np.where(first_stay, amount, 0)) for amount in amounts]
+    when = [
+        _arrivals_by_row(row, r, arrival, np.where(first_stay, amount, 0)) for amount in amounts
+    ]
     return _Rows(
         segment=pairs // fates.worlds,
         world=pairs % fates.worlds,
@@ -315,7 +317,7 @@ def _unseen_sums(name: str, value: Array, weight: Array, start: Array) -> dict[s
     return {f"{name}_{part}": np.add.reduceat(x, start).T for part, x in parts.items()}
 
 
-def unseen(figures: dict[str, Array], weight: Array) -> dict[str, Array]:
+def unseen_errors(figures: dict[str, Array], weight: Array) -> dict[str, Array]:
     """Return standard errors of expected numbers that allow for unseen kinds of worlds.
 
     This removes the results of `_unseen_sums` from the figures.

@@ -37,22 +37,24 @@ COLUMNS = (
 Row = dict[str, Any]
 
 
-def rows(
+def find_rows(
     spill: Spill, segments: Segments, posterior: Posterior, surprises: Sequence[Surprise]
 ) -> list[Row]:
     """Return a row of COLUMNS for each find, in order of time; numbers are as in the case."""
     known = posterior.known.finds
     return [
-        _row(number, spill, segments, surprise, float(posterior.alien[number]))
+        _row(number, spill, segments, surprise, float(posterior.unrelated[number]))
         for surprise in surprises
         for number in [known.index(surprise.find)]
     ]
 
 
-def _row(number: int, spill: Spill, segments: Segments, surprise: Surprise, alien: float) -> Row:
+def _row(
+    number: int, spill: Spill, segments: Segments, surprise: Surprise, unrelated: float
+) -> Row:
     find, given = surprise.find, spill.finds[number]
     segment = None if isinstance(find.place, finds.AtSea) else find.place
-    lon, lat = position(spill, segments, number, find)
+    lon, lat = find_position(spill, segments, number, find)
     return {
         "number": number + 1,
         "name": find.name,
@@ -63,7 +65,9 @@ def _row(number: int, spill: Spill, segments: Segments, surprise: Surprise, alie
         "position": notation.position(lon, lat)
         if spill.finds[number].stretch
         else notation.stated_position(lon, lat),
-        "stretch": "at sea" if segment is None else washup_tables.stretch(segments, segment),
+        "stretch": "at sea"
+        if segment is None
+        else washup_tables.stretch_with_town(segments, segment),
         "segment": segment,
         "class": given.kind,
         "by": given.by or "public",
@@ -71,11 +75,13 @@ def _row(number: int, spill: Spill, segments: Segments, surprise: Surprise, alie
         "probability_beforehand": surprise.probability,
         "tail": surprise.tail,
         "odd": surprise.tail < ODD,
-        "none_of_ours": alien,
+        "none_of_ours": unrelated,
     }
 
 
-def position(spill: Spill, segments: Segments, number: int, find: Detection) -> tuple[float, float]:
+def find_position(
+    spill: Spill, segments: Segments, number: int, find: Detection
+) -> tuple[float, float]:
     """Return where a find lies (lon, lat) [deg]: as given, or the middle of its stretch.
 
     Args:
@@ -95,7 +101,7 @@ def position(spill: Spill, segments: Segments, number: int, find: Detection) -> 
     return float(segments.lon[find.place]), float(segments.lat[find.place])
 
 
-def csv(told: Sequence[Row], worlds: float, run: str) -> str:
+def finds_csv(told: Sequence[Row], worlds: float, run: str) -> str:
     """Return the finds as CSV, a row each, in order of time.
 
     Args:
@@ -118,27 +124,27 @@ def _cell(value: Any) -> str:
     return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def ours(row: Row) -> str:
+def false_find_in_words(row: Row) -> str:
     """Return the probability that a find is not from this spill in words."""
     if row["false"] == 0:
         return "counted as from this spill (set false if unsure)"
     return f"not from this spill: {notation.percent(row['none_of_ours'])}"
 
 
-def odd(told: Sequence[Row]) -> list[str]:
+def odd_find_warnings(told: Sequence[Row]) -> list[str]:
     """Return a warning for each find whose place was improbable given the evidence before it."""
     return [
         f'find {row["number"]} "{row["name"]}" ({notation.format_dtg(row["time"])}, {row["position"]}, '
         f"{row['stretch']}) is unlikely: "
         f"the chance of a find there was {notation.percent(row['probability_beforehand'])}, at "
         "places at "
-        f"most as likely {notation.percent(row['tail'])}; {ours(row)}; check it, or set false = 0.1"
+        f"most as likely {notation.percent(row['tail'])}; {false_find_in_words(row)}; check it, or set false = 0.1"
         for row in told
         if row["odd"]
     ]
 
 
-def silence(period: Period, spill: Spill, until: float) -> str | None:
+def silence_in_words(period: Period, spill: Spill, until: float) -> str | None:
     """Return up to when the absence of reports is evidence, as text; None without evidence.
 
     until: time up to which all finds are known [s after start].

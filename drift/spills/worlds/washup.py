@@ -57,7 +57,7 @@ def build_washup(
             table.add(fates, spills_of_part, weight, outputs)
             accounts.append(
                 np.stack(
-                    [account(fates, realisation, outputs) for realisation in spills_of_part]
+                    [fates_by_world(fates, realisation, outputs) for realisation in spills_of_part]
                 ).astype(np.int32)
             )
         parts = [stretches.figures(rows, weight) for rows in table.pieces()]
@@ -67,14 +67,14 @@ def build_washup(
         else {}
     )
     touched = figures.pop("segment", np.empty(0, np.int64))
-    figures |= stretches.unseen(figures, weight)
+    figures |= stretches.unseen_errors(figures, weight)
     figures |= _totals(accounts, weight, len(outputs))
     return washup_dataset.build_washup_dataset(
         figures, segments, touched, weight, realisations, outputs, start, kinds
     )
 
 
-def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
+def worst_stretches(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
     """Return the stretches with the largest expected numbers at a time, worst first.
 
     Of stretches with equal numbers, that with more arrivals comes first.
@@ -91,7 +91,7 @@ def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
     return np.lexsort((-at["arrived"].values, -at["expected"].values))[:count]
 
 
-def account(fates: Fates, realisation: Realisation, outputs: Array) -> Array:
+def fates_by_world(fates: Fates, realisation: Realisation, outputs: Array) -> Array:
     """Return each world's objects by fate at each time.
 
     Args:
@@ -104,7 +104,8 @@ def account(fates: Fates, realisation: Realisation, outputs: Array) -> Array:
     """
     stands = realisation.stands
     when = {
-        name: np.searchsorted(outputs, values) for name, values in stretches.settled(fates).items()
+        name: np.searchsorted(outputs, values)
+        for name, values in stretches.consistent_times(fates).items()
     }
 
     def by_world(world: Array, at: Array, amount: Array) -> Array:

@@ -129,7 +129,7 @@ class Proposal:
         )
 
 
-def around(worlds: Worlds, weight: Real) -> Proposal:
+def proposal_around(worlds: Worlds, weight: Real) -> Proposal:
     """Return a proposal around weighted worlds: a mixture of a normal at each.
 
     The width of the normals is by the rule of Silverman (1986, eq. 4.15).
@@ -230,7 +230,7 @@ class _Model:
 
     def __init__(self, spill: Spill) -> None:
         self.spill = spill
-        self.release = releases.law(spill.prior)
+        self.release = releases.release_law(spill.prior)
         names = [*self.release.names]
         names += ["windage"] if spill.windage_bias > 0 else []
         names += ["current_east", "current_north"] if spill.current_bias > 0 else []

@@ -675,8 +675,10 @@ def released(tmp_path: Path) -> Path:
     about = {"title": "Boxes", "run_id": "abc-s1"}
     folder = tmp_path / "origin"
     folder.mkdir()
-    backward.dataset(origin).assign_attrs(about).to_netcdf(folder / "origin.nc")
-    (folder / "origin.geojson").write_text(json.dumps(outlines.collection(origin, finds, about)))
+    backward.origin_dataset(origin).assign_attrs(about).to_netcdf(folder / "origin.nc")
+    (folder / "origin.geojson").write_text(
+        json.dumps(outlines.origin_geojson(origin, finds, about))
+    )
     files = [folder / "origin.nc", folder / "origin.geojson"]
     (folder / manifest.NAME).write_text(
         manifest.manifest_text(manifest.manifest_of("abc-s1", files))

@@ -18,8 +18,8 @@ from scipy import stats
 import drift
 from drift.apps.cli import commands as cli
 from drift.assess.compare import chapter, figures, pairing, report, text, units
-from drift.assess.compare.maps import maps
-from drift.assess.compare.units import GROUPS, Units
+from drift.assess.compare.maps import paired_maps
+from drift.assess.compare.units import GROUPS, SamplingUnits
 from drift.engine.particles.snapshot import Snapshot
 from drift.engine.particles.status import Status
 from drift.pipeline import flow
@@ -164,7 +164,7 @@ def test_weights_of_scenarios_alone_change_what_they_say(search: drift.Case) -> 
     and has no error.
     """
     b = drift.vary(search, {"scenario.0.weight": 0.2, "scenario.1.weight": 0.8})
-    paired = pairing.paired(search, b)
+    paired = pairing.pair_cases(search, b)
     assert paired[0].counts == paired[1].counts == (2100, 900)
     found = drift.compare(search, b)
     rows = {row.name: row for row in found.at(found.times[0], "scenario")}
@@ -262,7 +262,7 @@ def test_the_picture_bears_the_caution_of_either_case(
 ) -> None:
     shown: list[Setting] = []
     monkeypatch.setattr(
-        flow, "publish", lambda out, chapters, setting, **more: shown.append(setting)
+        flow, "publish_outputs", lambda out, chapters, setting, **more: shown.append(setting)
     )
     made_up = {"wind.0": {"name": "air", "analytic": "breeze"}}
     other = drift.vary(search, made_up)
@@ -427,7 +427,7 @@ STRATA = (700, 300)
 GRID = Cells(-(2**20), -(2**20), 2**16, 2**16, 32, 32)  # 0.6 km, 20 km across
 
 
-def cloud(seed: int) -> tuple[Snapshot, Snapshot, Units]:
+def cloud(seed: int) -> tuple[Snapshot, Snapshot, SamplingUnits]:
     """Two clouds of pairs: of one law within each of two strata, weighted at random, b wider and
     farther east than a.
     """
@@ -446,7 +446,7 @@ def cloud(seed: int) -> tuple[Snapshot, Snapshot, Units]:
         snapshots.append(
             Snapshot(time, *binary, weight / weight.sum(), status, stratum.astype(np.int32))
         )
-    return snapshots[0], snapshots[1], Units(stratum, np.ones(n, bool), worlds=False)
+    return snapshots[0], snapshots[1], SamplingUnits(stratum, np.ones(n, bool), worlds=False)
 
 
 def bounds(n: int) -> tuple[float, float]:
@@ -461,8 +461,8 @@ def test_standard_errors_are_the_spread_over_seeds() -> None:
     for seed in range(SEEDS):
         a, b, drawn = cloud(seed)
         told = [
-            figures.shares(snapshot, ("one", "two"), drawn)
-            | figures.position(snapshot, drawn, (0.0, 0.0))
+            figures.status_shares(snapshot, ("one", "two"), drawn)
+            | figures.mean_position(snapshot, drawn, (0.0, 0.0))
             for snapshot in (a, b)
         ]
         for row in units.differences(a.time, told[0], told[1], drawn, figures.SHIFT):
@@ -487,7 +487,7 @@ def test_standard_errors_of_maps_are_the_spread_over_seeds() -> None:
     pairs = []
     for seed in range(seeds):
         a, b, drawn = cloud(seed)
-        made = maps(a, b, drawn, GRID, None, 40.0)
+        made = paired_maps(a, b, drawn, GRID, None, 40.0)
         pairs.append((made.difference, made.error))
         on = cells.index_of_cells(a.lon, a.lat, GRID) >= 0  # a few lie off it
         assert made.a.sum() == pytest.approx(a.probability[on].sum())

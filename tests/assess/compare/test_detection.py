@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drift.assess.compare import detection
-from drift.assess.compare.units import Units
+from drift.assess.compare.units import SamplingUnits
 from drift.engine.particles.columns import Columns
 from drift.engine.particles.partials import Blocks
 from drift.evidence.filter.updates import Update
@@ -36,9 +36,9 @@ def chance(flown: list[int], more: np.ndarray) -> float:
 
 
 @pytest.fixture
-def log() -> detection.Log:
+def log() -> detection.SortieLog:
     blocks = Blocks(UNIT.size, 1, np.zeros(1, int), np.zeros(1, int), np.zeros(1, int))
-    log = detection.Log(Units(np.zeros(6, int), np.ones(6, bool), worlds=False))
+    log = detection.SortieLog(SamplingUnits(np.zeros(6, int), np.ones(6, bool), worlds=False))
     before = np.log(WEIGHT)
     for name, missed in zip(NAMES, MISSED, strict=True):
         after = before + np.log(missed)
@@ -84,7 +84,7 @@ def log() -> detection.Log:
     ],
 )
 def test_influence_is_what_a_units_weight_moves_the_pos_by(
-    log: detection.Log, quantity: str, name: str, flown: list[int]
+    log: detection.SortieLog, quantity: str, name: str, flown: list[int]
 ) -> None:
     """Central differences of 1e-5 err by 1e-10."""
     found = log.figures(NAMES)[quantity, name, "1"]
@@ -95,11 +95,11 @@ def test_influence_is_what_a_units_weight_moves_the_pos_by(
     assert np.abs(found.influence).max() > 0.01
 
 
-def test_a_plan_counts_the_sorties_that_it_has(log: detection.Log) -> None:
+def test_a_plan_counts_the_sorties_that_it_has(log: detection.SortieLog) -> None:
     plan = SimpleNamespace(
         taskings=[SimpleNamespace(sortie=SimpleNamespace(name=name)) for name in NAMES[1:]]
     )
-    ((key, found),) = detection.of_plan(log, plan).items()
+    ((key, found),) = detection.pos_of_plan(log, plan).items()
     assert key == ("POS of the next plan", "all", "1")
     assert found.value == pytest.approx(chance([1, 2], np.zeros(6)), abs=1e-12)
     moved = [(chance([1, 2], own) - chance([1, 2], -own)) / 2e-5 for own in 1e-5 * np.eye(6)]
@@ -107,4 +107,9 @@ def test_a_plan_counts_the_sorties_that_it_has(log: detection.Log) -> None:
 
 
 def test_of_no_sortie_there_is_no_pos() -> None:
-    assert detection.Log(Units(np.zeros(2, int), np.ones(2, bool), worlds=False)).figures(()) == {}
+    assert (
+        detection.SortieLog(
+            SamplingUnits(np.zeros(2, int), np.ones(2, bool), worlds=False)
+        ).figures(())
+        == {}
+    )

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from drift.assess.compare import figures
-from drift.assess.compare.units import Units
+from drift.assess.compare.units import SamplingUnits
 from drift.engine.particles.snapshot import Snapshot
 from drift.engine.particles.status import Status
 from geo import sphere
@@ -21,7 +21,7 @@ ORIGIN = (-179.97, 57.3)  # [deg]
 EAST, NORTH = RANDOM.normal(4e3, 9e3, N), RANDOM.normal(-3e3, 6e3, N)  # [m]
 WEIGHT = RANDOM.exponential(1.0, N)
 FAMILY, STATUS = RANDOM.integers(0, MANY, N), RANDOM.choice([0, 0, 0, 1, 3, 4, 5, 6], N)
-UNITS = Units(np.zeros(MANY, int), np.ones(MANY, bool), worlds=False)
+UNITS = SamplingUnits(np.zeros(MANY, int), np.ones(MANY, bool), worlds=False)
 
 
 def snapshot(more: np.ndarray) -> Snapshot:
@@ -44,9 +44,9 @@ STEPS = 1e-4 * np.eye(MANY)
 
 def test_of_a_probability() -> None:
     """Central differences of 1e-4 err by 1e-8."""
-    found = figures.shares(snapshot(np.zeros(MANY)), ("a", "b", "c"), UNITS)
+    found = figures.status_shares(snapshot(np.zeros(MANY)), ("a", "b", "c"), UNITS)
     up, down = (
-        [figures.shares(snapshot(sign * one), ("a", "b", "c"), UNITS) for one in STEPS]
+        [figures.status_shares(snapshot(sign * one), ("a", "b", "c"), UNITS) for one in STEPS]
         for sign in (1, -1)
     )
     p = WEIGHT / WEIGHT.sum()
@@ -57,7 +57,9 @@ def test_of_a_probability() -> None:
     for key, figure in found.items():
         moved = [(a[key].value - b[key].value) / 2e-4 for a, b in zip(up, down, strict=True)]
         np.testing.assert_allclose(figure.influence, moved, atol=1e-9)
-    assert ("scenario", "a", "1") not in figures.shares(snapshot(np.zeros(MANY)), ("a",), UNITS)
+    assert ("scenario", "a", "1") not in figures.status_shares(
+        snapshot(np.zeros(MANY)), ("a",), UNITS
+    )
 
 
 def test_of_a_mean_position() -> None:
@@ -65,9 +67,10 @@ def test_of_a_mean_position() -> None:
     km off, by 5 km / R tan 57 degrees.
     """
     at = snapshot(np.zeros(MANY))
-    found = figures.position(at, UNITS, ORIGIN)
+    found = figures.mean_position(at, UNITS, ORIGIN)
     up, down = (
-        [figures.position(snapshot(sign * one), UNITS, ORIGIN) for one in STEPS] for sign in (1, -1)
+        [figures.mean_position(snapshot(sign * one), UNITS, ORIGIN) for one in STEPS]
+        for sign in (1, -1)
     )
     on_map = np.isin(STATUS, [Status.ADRIFT, Status.ASHORE, Status.UNDER_WAY])
     for key, offset in zip(found, (EAST, NORTH), strict=True):
@@ -80,7 +83,9 @@ def test_of_a_mean_position() -> None:
         np.testing.assert_allclose(found[key].influence, moved, atol=4e-3 * np.abs(moved).max())
         assert np.abs(moved).max() > 100
     gone = replace(at, status=np.full(N, int(Status.SUNK), np.int32))
-    assert all(np.isnan(figure.value) for figure in figures.position(gone, UNITS, ORIGIN).values())
+    assert all(
+        np.isnan(figure.value) for figure in figures.mean_position(gone, UNITS, ORIGIN).values()
+    )
 
 
 def test_of_an_area() -> None:
@@ -121,7 +126,7 @@ def test_of_an_area() -> None:
     given = replace(
         snapshot(np.zeros(MANY)), lon=at[0], lat=at[1], time=np.datetime64("2026-03-01")
     )
-    found = figures.areas(given, SimpleNamespace(data=data), 0, UNITS)
+    found = figures.area_figures(given, SimpleNamespace(data=data), 0, UNITS)
     assert [key[:2] for key in found] == [("area", "50 %"), ("area", "87 %")]
     for s, figure in zip(share, found.values(), strict=True):
         edge = wide * np.sqrt(-2 * np.log(1 - s))

@@ -64,7 +64,7 @@ def test_figures_are_those_of_runs_with_the_seeds_that_follow(case: str, tmp_pat
     assert difference[2] == pytest.approx(apart.mean())
     assert error[2] == pytest.approx(apart.std(ddof=1) / np.sqrt(2))
     assert difference[2] > 0
-    assert text.alike(found) == [[0, 1], [2]]
+    assert text.groups_of_equal_ways(found) == [[0, 1], [2]]
     rows = list(
         csv.DictReader(
             (tmp_path / "out" / "experiment.csv").read_text(encoding="utf-8").splitlines()
@@ -140,7 +140,7 @@ def test_a_tracking_case_has_its_own_ways_and_figures(tmp_path: Path) -> None:
         "naive, weighted position; naive, heading and speed; naive, combined"
         in text.experiment_facts(found)
     )
-    assert text.alike(found)[0] == [0, 1, 2]
+    assert text.groups_of_equal_ways(found)[0] == [0, 1, 2]
 
 
 def test_how_often_areas_hold_the_target_is_told_at_each_time(tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_differences_from_the_first_way_are_told(tmp_path: Path) -> None:
     assert only == {"as it is": "area 11.0 +- 1.3 nmi2"}
     runs = np.array([27.1, 28.3, 28.75])
     noise = Figure("lat", "", np.stack([runs, np.nextafter(runs, [30, 30, 0])]))
-    assert text.difference(noise, 1) == "+0"  # of 3e-15 +- 2e-15
+    assert text.difference_from_first(noise, 1) == "+0"  # of 3e-15 +- 2e-15
     once = text.experiment_facts(
         replace(
             found,
@@ -284,10 +284,10 @@ def test_differences_from_the_first_way_are_told(tmp_path: Path) -> None:
         "inf",
     ]
     assert [row["quantile_10"] for row in rows if row["figure"] == "time to criteria"][2] == "inf"
-    assert text.runs(found).splitlines()[:2] == [
+    assert text.runs_csv(found).splitlines()[:2] == [
         "way,run,area_[nmi2],time_to_criteria_[min]",
         "as it is,1,10.0,1.0",
     ]
-    assert text.runs(found).splitlines()[3] == "as it is,3,12.0,inf"
+    assert text.runs_csv(found).splitlines()[3] == "as it is,3,12.0,inf"
     map.plot_experiment(found, tmp_path / "x.png", Imprint("x", "casp-drift", {}))
     assert (tmp_path / "x.png").stat().st_size > 10_000

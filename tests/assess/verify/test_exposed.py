@@ -62,7 +62,7 @@ def mean_error(tracks):
     """Return the mean error north [m/s] under the true law, and how many standard errors it is from
     the true one, 0.
     """
-    ways = along.compared(Bare, tracks, COLUMNS, 4 * 3600.0, 3.0).ways
+    ways = along.compare_displacements(Bare, tracks, COLUMNS, 4 * 3600.0, 3.0).ways
     found = error_law.likelihood(TRUE, along.residuals(ways, wind=False))
     return float(found.mean[1]), float(found.mean[1]) / math.sqrt(found.covariance[1, 1])
 
@@ -81,7 +81,7 @@ def test_the_mean_error_is_recovered_from_drifters_of_which_most_run_aground(sho
     """
     believed = records.believed(simulated(1500, 3))
     assert 0.5 < np.mean([mask[-1] for mask in believed.aground]) < 0.9
-    seen = exposed.exposed(starts.strand(believed, shore), shore, 4 * 3600.0)
+    seen = exposed.exposed_tracks(starts.mark_stranded(believed, shore), shore, 4 * 3600.0)
     assert abs(mean_error(seen.tracks)[1]) < stats.norm.ppf(1 - 0.5e-3)
     afloat = [
         records.selected(track, ~mask)
@@ -97,8 +97,8 @@ def test_where_a_track_ends_does_not_depend_on_what_comes_after(shore):
     nothing changes.
     """
     tracks = simulated(60, 4)
-    stranded = starts.strand(records.believed(tracks), shore)
-    first = exposed.exposed(stranded, shore, 4 * 3600.0)
+    stranded = starts.mark_stranded(records.believed(tracks), shore)
+    first = exposed.exposed_tracks(stranded, shore, 4 * 3600.0)
     kept = {track.name: track.time.size for track in first.tracks}
     begin = tracks[0].time[0]
     off = [40 + math.degrees(SHORE / RADIUS) - track.lat for track in tracks]  # [deg]
@@ -154,7 +154,7 @@ def test_drifters_of_many_years_are_compared(tmp_path):
     )
     track = simulated(1, 6)[0]
     later = Track("z", track.time + 3.2e8, track.lon, track.lat, track.columns)
-    ways = along.compared(
+    ways = along.compare_displacements(
         drift.load(tmp_path / "case.toml"), [track, later], {}, 4 * 3600.0, 3.0
     ).ways
     assert [

@@ -88,7 +88,7 @@ class Bare:
 
 
 def ways(tracks):
-    return along.compared(Bare, tracks, COLUMNS, 3 * 3600.0, 3.0).ways
+    return along.compare_displacements(Bare, tracks, COLUMNS, 3 * 3600.0, 3.0).ways
 
 
 def dense(tracks, law, mean):
@@ -163,7 +163,7 @@ def test_spread_and_correlation_are_integrals_of_the_covariance(hours):
     )
     variance = 2 * TRUE.std**2 * (w * inner).sum()
     expected = variance + TRUE.bias**2 * span**2 + 2 * TRUE.diffusivity * span + 2 * TRUE.noise**2
-    assert error_law.spread(TRUE, span) == pytest.approx(expected, rel=1e-9)
+    assert error_law.error_variance(TRUE, span) == pytest.approx(expected, rel=1e-9)
     far = np.exp(-(lag + t[:, None] - t[None]) / TRUE.time)
     cross = TRUE.bias**2 + TRUE.std**2 * (w[:, None] * w[None] * far).sum() / span**2
     assert error_law.correlation(TRUE, lag, span) == pytest.approx(cross, rel=1e-9)
@@ -254,7 +254,7 @@ def test_what_the_data_do_not_tell_is_said():
     assert walk.limit > walk.value
     tracks = along.residuals(ways(simulated(np.random.default_rng(8), 1, 1.4, still)), True)
     free = ["std", "time", "diffusivity", "noise"]
-    _, there = fitting.likeliest(tracks, free, alone.law, {"diffusivity": walk.limit})
+    _, there = fitting.fit_law(tracks, free, alone.law, {"diffusivity": walk.limit})
     assert alone.log - there.log == pytest.approx(stats.norm.ppf(0.95) ** 2 / 2, abs=0.2)
     short = fitting.fitted_errors(
         ways(simulated(np.random.default_rng(10), 4, 0.25, Law(0.2, 40 * 3600, 0.1, 4.0, 30.0))),
@@ -292,7 +292,7 @@ def test_clustered_errors_are_the_sum_over_pairs_that_share_a_cluster():
 
 def test_halves_share_no_way():
     tracks = ways(simulated(np.random.default_rng(12), 1, 10.0))
-    halves = hold_out.split(tracks)
+    halves = hold_out.split_halves(tracks)
     spans = [{(float(t), float(s)) for t, s, f in zip(w.time, w.step, w.fresh, strict=True) if not f} for w in (*halves.fitted, *halves.held)]  # fmt: skip
     assert not spans[0] & spans[1]
     assert all(spans)
@@ -354,7 +354,7 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
     gone = Track("gone", time + 40 * 3600, lon, lat)  # the sources end meanwhile
     # in the hole
     north = Track("north", time[:4], np.linspace(6.3, 6.4, 4), np.linspace(60.7, 60.75, 4))
-    made = along.compared(
+    made = along.compare_displacements(
         drift.load(file), [Track("b", time, lon, lat), gone, north], {}, 3 * 3600.0, 3.0, sets
     )
     assert [way.name for way in made.ways] == ["b"]

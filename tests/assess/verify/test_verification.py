@@ -284,7 +284,7 @@ def test_columns_of_a_model_err_as_its_files_would(tmp_path, stated, words, spre
     base = drift.vary(case(tmp_path), {"uncertainty": stated})
     columns = {"current_east": "ue", "current_north": "vn"}
     made = drift.verify(base, [given], columns=columns, every=3600.0 * 100, particles=4000)
-    assert verification_text.errors(made).startswith(words)
+    assert verification_text.assumed_errors(made).startswith(words)
     std, memory, bias = spread
     t = 86_400.0
     walk = 2 * std**2 * memory * (t - memory * (1 - math.exp(-t / memory)))
@@ -561,13 +561,15 @@ def test_no_forecast_begins_ends_or_passes_in_a_silence():
     """
     hours = np.array([0, 1, 2, 3, *range(9, 41), 50.0])
     track = Track("a", 1.6e9 + 3600 * hours, 0.001 * hours, 45.0 + 0.001 * hours)
-    stranded = starts.strand(Believed((track,), (), (np.zeros(37, bool),)), Coast("none", "strand"))
+    stranded = starts.mark_stranded(
+        Believed((track,), (), (np.zeros(37, bool),)), Coast("none", "strand")
+    )
     for length, begins, silent, ended in (
         (24, [12], 8, 0),
         (6, [12, 18, 24, 30], 5, 0),
         (1, [0, 12, 18, 24, 30, 36], 3, 0),
     ):
-        found, left, _ = starts.starts(stranded, 6 * 3600.0, length * 3600.0, 3 * 3600.0, 3.0)
+        found, left, _ = starts.find_starts(stranded, 6 * 3600.0, length * 3600.0, 3 * 3600.0, 3.0)
         assert [(one.track, (one.time - 1.6e9) / 3600, one.until) for one in found] == [
             (0, x, np.inf) for x in begins
         ]
@@ -604,8 +606,8 @@ def test_what_becomes_of_a_drifter_that_stops(tmp_path):
     believed = drifter_records.believed(tracks)
     assert [int(mask.sum()) for mask in believed.aground] == [50, 20, 20, 50, 20, 0]
     settings = 5 * hour, 24 * hour, 3 * hour, 3.0  # starts at 0, 5, 10 .. h
-    stranded = starts.strand(believed, shore)
-    found, left, early = starts.starts(stranded, *settings)
+    stranded = starts.mark_stranded(believed, shore)
+    found, left, early = starts.find_starts(stranded, *settings)
     hours_of = {name: [] for name in "abcdef"}
     for one in found:
         hours_of[tracks[one.track].name].append(
@@ -628,7 +630,7 @@ def test_what_becomes_of_a_drifter_that_stops(tmp_path):
     )
     assert aground.tolist() == [False, False, True, True]
     assert lat == pytest.approx([40.17, 40.185, 40.2, 40.2], abs=1e-4)
-    late = starts.starts(stranded, 5 * hour, 40 * hour, 3 * hour, 3.0)[0]
+    late = starts.find_starts(stranded, 5 * hour, 40 * hour, 3 * hour, 3.0)[0]
     # held to the end
     assert [one.until for one in late if one.track in (1, 4)] == [begin + 29 * hour] * 4
     lon, lat, aground = stranded.position(late[2], begin + hour * np.array([40.0, 44.0]))
@@ -645,22 +647,22 @@ def test_what_becomes_of_a_drifter_that_stops(tmp_path):
     assert any(f"{left.ended} starts left out: the drifter's track ends before the forecast does, 2 of them" in note
                for note in notes)  # fmt: skip
     # As its note says, what ends near the shore may be counted as aground there.
-    ashore = starts.strand(believed, shore, ends_aground=True)
-    held, rest, _ = starts.starts(ashore, *settings)
+    ashore = starts.mark_stranded(believed, shore, ends_aground=True)
+    held, rest, _ = starts.find_starts(ashore, *settings)
     assert rest.ended == left.ended - 2  # c and e end far off
     assert [one.until for one in held if one.track == 5] == [begin + 9 * hour] * 2
     # Still for 4 h on the shore is aground, and not 4 h in slack water farther off.
     spell = np.append(np.arange(10.0), np.arange(10.0, 30.0))
     for lat, times in ((40.2, 5), (40.15, 0)):
-        (mask,) = starts.strand(
+        (mask,) = starts.mark_stranded(
             drifter_records.believed([track("g", spell, 14, lat)]), shore
         ).ashore
         assert (np.flatnonzero(mask).tolist(), mask.sum()) == (list(range(10, 15))[:times], times)
     with pytest.raises(UserError, match="no drifter can be followed"):
-        starts.known_starts(starts.strand(Believed((), (), ()), shore), shore, *settings, [])
-    without = starts.strand(believed, Coast("none", "strand"))
+        starts.known_starts(starts.mark_stranded(Believed((), (), ()), shore), shore, *settings, [])
+    without = starts.mark_stranded(believed, Coast("none", "strand"))
     assert not any(mask.any() for mask in without.ashore)
-    assert {one.track for one in starts.starts(without, *settings)[0]} == {2}  # from 30 h on
+    assert {one.track for one in starts.find_starts(without, *settings)[0]} == {2}  # from 30 h on
 
 
 def test_distances_off_a_shore(tmp_path):
@@ -671,7 +673,7 @@ def test_distances_off_a_shore(tmp_path):
     shore = Coast(str(tmp_path / "land.geojson"), "strand")
     lon = np.array([180.0, -178.0, -175.97, 175.97, 178.0, 170.0])
     lat = np.array([40.17, 40.15, 42.0, 40.17, 41.0, 41.0])
-    found = grounding.off_shore(shore, lon, lat, 6000.0)
+    found = grounding.distance_from_shore(shore, lon, lat, 6000.0)
     degree = np.radians(1.0) * RADIUS
     squeeze = math.cos(math.radians(42.0)), math.cos(math.radians(40.185))
     expected = [
@@ -731,7 +733,7 @@ def test_columns_stand_for_forcing_that_the_case_does_not_have(tmp_path, capsys)
     whole = drift.verify(
         drift.load(tmp_path / "whole.toml"),
         tmp_path / "buoy.csv",
-        columns=reading.mapped(columns),
+        columns=reading.parse_columns(columns),
         particles=500,
     )
     told = [

@@ -124,7 +124,7 @@ def test_detections_in_the_case_are_those_of_a_file(tmp_path: File) -> None:
     for name in ("time", "sensor", "bearing", "range"):
         np.testing.assert_allclose(getattr(one.target, name), getattr(two.target, name), rtol=1e-12)
     np.testing.assert_allclose(one.tracker.place, two.tracker.place, rtol=1e-12)
-    assert tracking.is_one(tmp_path / "c.toml")
+    assert tracking.is_tracking_case(tmp_path / "c.toml")
 
 
 @pytest.mark.parametrize(

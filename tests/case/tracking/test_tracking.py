@@ -141,7 +141,7 @@ def test_a_tracking_case_is_known_by_its_ways_of_following_whatever_else_is_wron
 ) -> None:
     text = GOOD[: GOOD.index("[target]")] + f'{key} = "x.csv"\n' + GOOD[GOOD.index("[tracker]") :]
     (tmp_path / "c.toml").write_text(text, encoding="utf-8")
-    assert tracking.is_one(tmp_path / "c.toml")
+    assert tracking.is_tracking_case(tmp_path / "c.toml")
     with pytest.raises(
         UserError, match=r"c\.toml: is a tracking case: drift track for one with detections"
     ):

@@ -90,8 +90,8 @@ def test_a_case_has_it_and_a_scenario_names_its_sources(tmp_path: Path) -> None:
     ):
         case_of(tmp_path, PACK, ("east = 0.2", "east = 30.0"))
     flow = PACK.replace("constant = { east = 0.2, north = -0.7 }", 'analytic = "solid_rotation"')
-    assert run_metadata.synthetic(case_of(tmp_path, flow))
-    assert not run_metadata.synthetic(case)
+    assert run_metadata.has_synthetic_forcing(case_of(tmp_path, flow))
+    assert not run_metadata.has_synthetic_forcing(case)
 
 
 def test_its_tiles_hold_what_its_sources_say(tmp_path: Path) -> None:
@@ -161,8 +161,8 @@ def test_drifters_are_compared_with_it(tmp_path: Path) -> None:
     case = case_of(tmp_path, PACK + PACK.replace("pack", "rival"), chosen)
     time = case.start.astype("datetime64[s]").astype(float) + 3600.0 * np.arange(4)
     track = Track("buoy", time, np.full(4, -88.0), np.full(4, 27.5), {})
-    assert along.over(case, [track]).scenarios[0].sources["ice"] == ("pack",)
-    (way,) = along.compared(case, [track], {}, 3 * 3600.0, 3.0).ways
+    assert along.case_over_tracks(case, [track]).scenarios[0].sources["ice"] == ("pack",)
+    (way,) = along.compare_displacements(case, [track], {}, 3 * 3600.0, 3.0).ways
     speed = np.array([0.5 * 1852 / 3600 + 0.2, -0.7])
     np.testing.assert_allclose(way.model[1:], np.broadcast_to(3600 * speed, (3, 2)), rtol=1e-5)
 

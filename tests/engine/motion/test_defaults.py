@@ -262,7 +262,7 @@ def test_errors_that_a_case_switches_off_stand_on_a_banner(
         RAFT if object == "raft" else RAFT.replace('{ windage = "3 %" }', '"water"')
     )
     (tmp_path / "trial.toml").write_text(text)
-    assert run_metadata.caution(drift.load(tmp_path / "trial.toml", changes)) == banner
+    assert run_metadata.caution_banner(drift.load(tmp_path / "trial.toml", changes)) == banner
 
 
 @pytest.mark.thorough

@@ -285,7 +285,7 @@ def test_resampling_copies_the_member(tmp_path: Path) -> None:
     first = begin.ensemble.lat.to_numpy().astype(np.int64)
     born = members.member_of_particles(begin.ensemble)
     with closing(begin.scene.forcing):
-        search = run_setup.search(case, begin)
+        search = run_setup.build_search_filter(case, begin)
         assert search is not None
         for _ in simulate.run(
             begin.ensemble, begin.scene, begin.clock, np.array([T]), search=search

@@ -111,7 +111,7 @@ def moved(folder: Path, current: str, wind: str, more: str = "") -> Run:
     (folder / "case.toml").write_text(CASE.format(current=current, wind=wind, more=more))
     case = drift.load(folder / "case.toml")
     begin = run_setup.prepare(case, run_setup.open_for(case))
-    search = run_setup.search(case, begin)
+    search = run_setup.build_search_filter(case, begin)
     with closing(begin.scene.forcing):
         times = np.array([10 * 3600, 18 * 3600])
         after, _ = simulate.run(begin.ensemble, begin.scene, begin.clock, times, search=search)
@@ -212,4 +212,6 @@ def test_drifters_are_compared_with_one_member(tmp_path: Path) -> None:
     with pytest.raises(
         UserError, match=r"compared with one current and one wind, not with 3 members"
     ):
-        along.compared(case_file.load(tmp_path / "case.toml"), [track], {}, 7200.0, 5.0)
+        along.compare_displacements(
+            case_file.load(tmp_path / "case.toml"), [track], {}, 7200.0, 5.0
+        )

@@ -149,16 +149,20 @@ def test_a_shard_of_a_spill_draws_its_slice(tmp_path: Path) -> None:
     begin.scene.forcing.close()
     whole, worlds, coast = begin.ensemble, begin.worlds, begin.scene.place.coast
     assert worlds is not None
-    assert whole.layout == release.layout(case.spill)
-    assert whole.layout.block == tuple(32 * count for count in release.per_world(case.spill))
+    assert whole.layout == release.layout_of_worlds(case.spill)
+    assert whole.layout.block == tuple(
+        32 * count for count in release.particles_per_class(case.spill)
+    )
     for first, last in ((0, 32), (32, 96)):
-        of = release.layout(case.spill, first, last)
+        of = release.layout_of_worlds(case.spill, first, last)
         some = worlds.some(first, last)
-        own, dry = release.drawn(case.spill, some, case.period, case.errors, coast, case.seed, of)
+        own, dry = release.draw_some_worlds(
+            case.spill, some, case.period, case.errors, coast, case.seed, of
+        )
         assert (dry == 0).all()
         part = [(slots.number, slots.number + slots.last - slots.first) for slots in own.slots]
         assert [b - a for a, b in part] == [
-            count * (last - first) for count in release.per_world(case.spill)
+            count * (last - first) for count in release.particles_per_class(case.spill)
         ]
         assert set(own.columns) == set(whole.columns)
         for name, column in own.columns.items():

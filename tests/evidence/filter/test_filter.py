@@ -845,7 +845,6 @@ def test_kahns_weights_are_those_that_were_aimed_at():
     assert found[:, 0].std() > 0  # the number drawn floats, and the sum of the weights with it
 
 
-@pytest.mark.thorough
 def test_debris_has_coefficients_of_its_own(tmp_path):
     """It shares its object's release and errors to the bit; leeway coefficients and sides, even of
     one class, are independent.
@@ -905,7 +904,7 @@ def test_object_and_debris_part_inside_a_step(tmp_path):
     case = load(tmp_path, text, particles=n, contacts=contacts)
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
-    search, bends = run_setup.search(case, begin), []
+    search, bends = run_setup.build_search_filter(case, begin), []
     first, apply_evidence = begin.ensemble.lat.to_numpy().astype(float), search.apply_evidence
 
     def effect(time, place):
@@ -955,7 +954,7 @@ def test_copies_ashore_begin_their_waits_anew_debris_too(tmp_path):
     )
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
-    search = run_setup.search(case, begin)
+    search = run_setup.build_search_filter(case, begin)
     begin.scene.forcing.close()
     (beside,) = search._debris.values()
     for ensemble in (begin.ensemble, beside.ensemble):

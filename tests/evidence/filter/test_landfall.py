@@ -61,7 +61,6 @@ def close(found: float, share: float) -> None:
     assert found == pytest.approx(math.log(share), abs=3 * math.sqrt((1 - share) / share / N))
 
 
-@pytest.mark.thorough
 def test_whom_the_current_has_set_off_is_not_in_port(tmp_path: Path) -> None:
     """By its dead reckoning it is there after 60 nmi, and the current has set it 60 / v nmi off:
     within 12 nmi if it made 5 knots.

@@ -149,7 +149,6 @@ def flies(flown: Legs, begin: float, end: float, dt: float) -> Array:
     return plane(*(np.interp(time, flown.time, x) for x in (flown.lon, flown.lat)))
 
 
-@pytest.mark.thorough
 def test_a_slow_leg_on_a_bridge(tmp_path: Path) -> None:
     """POD by inverse cube, at two steps: the hazard per time where the bridge is, by the leg's own
     velocity.

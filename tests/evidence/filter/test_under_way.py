@@ -53,7 +53,7 @@ def case_of(tmp_path: Path, n: int, step: int, overdue: str = "", **changes: Any
 def run(case: Any, outputs: Any = ()) -> tuple[Any, Any, list[Any]]:
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
-    search = run_setup.search(case, begin)
+    search = run_setup.build_search_filter(case, begin)
     moments = list(
         simulate.run(begin.ensemble, begin.scene, begin.clock, np.array(outputs), search=search)
     )

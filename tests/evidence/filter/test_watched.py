@@ -57,7 +57,7 @@ def moved(folder: Path, text: str) -> dict[str, np.ndarray]:
     path.write_text(text)
     case = case_file.load(path)
     begin = run_setup.prepare(case, run_setup.open_for(case))
-    search = run_setup.search(case, begin)
+    search = run_setup.build_search_filter(case, begin)
     for _ in simulate.run(
         begin.ensemble, begin.scene, begin.clock, case.period.seconds(case.outputs), search=search
     ):

@@ -160,14 +160,13 @@ law = "definite_range"
 """
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("more", ["", "[resampling]\nbelow = 0.999\n"])
 def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, more: str) -> None:
     """A uniform prior at rest, its west searched, then its south: posterior and alive in closed
     form, by scenario and of all.
     """
     result = run(tmp_path, more=SOUTH + more)
-    suspension = flow.suspension(result)
+    suspension = flow.suspension_basis(result)
     assert suspension is not None
     share, pod, west = np.array([0.6, 0.4]), np.array([[0.5, 0.8], [0.7, 0.4]]), 0.33330
     low, middle, high = np.sin(np.radians([45.0, 45.15, 45.4]))
@@ -222,7 +221,7 @@ speed = "5 kn"
     path.write_text(
         CASE.format(particles=20_000, more=late).replace("raft = 0.8 }", "raft = 0.8, late = 0 }")
     )
-    suspension = flow.suspension(drift.run(drift.load(path)))
+    suspension = flow.suspension_basis(drift.run(drift.load(path)))
     assert suspension is not None
     median = [(15 + 7.2 / (0.0785 - 0.0034 * 11)) / 60, 20.0]
     binned = (
@@ -369,12 +368,11 @@ def small(
     """A run of few particles, the decision by it, and the folder of its files."""
     folder = tmp_path_factory.mktemp("small")
     result = run(folder, particles=1000, out=True)
-    told = flow.suspension(result)
+    told = flow.suspension_basis(result)
     assert told is not None
     return result, told, folder / "out"
 
 
-@pytest.mark.thorough
 def test_a_day_like_the_last_one(small: tuple[drift.Result, decision.Suspension, Path]) -> None:
     """What is swept is W v t; a uniform area holds what random search of it finds, the searched
     third less.
@@ -477,7 +475,7 @@ def test_survival_times_alone_are_told_from_the_start(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     whole = CASE.format(particles=500, more="")
     path.write_text(whole[: whole.index("[[sortie]]")])
-    suspension = flow.suspension(drift.run(drift.load(path)))
+    suspension = flow.suspension_basis(drift.run(drift.load(path)))
     assert suspension is not None
     assert suspension.now == np.datetime64("2026-06-01T06:00")
     assert suspension.sorties == suspension.further == ()

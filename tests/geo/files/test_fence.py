@@ -67,15 +67,15 @@ def test_no_name_of_a_source_leads_out(fenced: Path, written: str) -> None:
     there.
     """
     with pytest.raises((UserError, ValueError), match=OUT) as refused:
-        sources.matching(written, fenced)
+        sources.matching_files(written, fenced)
     assert "hunter2" not in str(refused.value)
 
 
 def test_what_is_inside_may_be_read(fenced: Path) -> None:
-    assert sources.matching("current.nc", fenced) == [str((fenced / "current.nc").resolve())]
-    assert sources.matching("cur*.nc", fenced) == [str((fenced / "current.nc").resolve())]
+    assert sources.matching_files("current.nc", fenced) == [str((fenced / "current.nc").resolve())]
+    assert sources.matching_files("cur*.nc", fenced) == [str((fenced / "current.nc").resolve())]
     for address in ("https://thredds.example.org/dap/x.nc?u[0:1]", "http://thredds.example.org:8443/x", "http://localhost:8080/x"):  # fmt: skip
-        assert sources.matching(address, fenced) == [address]
+        assert sources.matching_files(address, fenced) == [address]
     assert "uo" in dataset.open_one(str(fenced / "current.nc"), "current")
 
 

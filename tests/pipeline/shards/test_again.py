@@ -73,7 +73,7 @@ def test_results_that_stand_are_left_alone(
     case: drift.Case, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = held(out)
-    monkeypatch.setattr(flow, "forecasted", lambda *given: pytest.fail("it is run"))
+    monkeypatch.setattr(flow, "forecast_job", lambda *given: pytest.fail("it is run"))
     assert drift.run(case, out, resume=True) is None
     assert drift.run(case, out, resume=True, shards=3, memory=1.0) is None  # neither changes a bit
     assert held(out) == before
@@ -235,7 +235,7 @@ def test_what_a_run_follows_from_is_asked(
     out = Path(shutil.copytree(finished, tmp_path / "out"))
     assert drift.run(own, out, resume=True) is None  # it lies elsewhere, and is the same
     with monkeypatch.context() as patch:
-        patch.setattr(flow, "kept", begin)
+        patch.setattr(flow, "open_result", begin)
         land = tmp_path / "land.geojson"
         land.write_text(land.read_text().replace("[2, 2]", "[2, 2.5]"))
         with pytest.raises(Begun):
@@ -254,10 +254,12 @@ def test_what_a_run_follows_from_is_asked(
                 drift.run(own, out, resume=True)
             assert f": {said} changed since" in caplog.text
     with monkeypatch.context() as patch:
-        write = flow.write
-        patch.setattr(flow, "write", lambda result, job: write(result, job, more=[OutputBundle()]))
+        write = flow.write_results
+        patch.setattr(
+            flow, "write_results", lambda result, job: write(result, job, more=[OutputBundle()])
+        )
         drift.run(own, tmp_path / "plan")
-        patch.setattr(flow, "kept", begin)
+        patch.setattr(flow, "open_result", begin)
         with pytest.raises(Begun):
             drift.run(own, tmp_path / "plan", resume=True)
         assert ": the command changed since" in caplog.text

@@ -60,7 +60,12 @@ def test_a_coast_takes_its_part_of_the_card(tmp_path: Path, on_card: Callable[[i
     """By hand: 2^30 bytes are 3,834,792 particles of 280 bytes; 10^8 make 26.1 shards of those."""
     case = case_of(tmp_path, 10**8)
     on_card(4 * GIB)
-    assert divide.number(replace(case, coast=replace(case.coast, source="gshhg")), None, None) == 27
+    assert (
+        divide.number_of_shards(
+            replace(case, coast=replace(case.coast, source="gshhg")), None, None
+        )
+        == 27
+    )
 
 
 def test_a_shard_fits_into_half_of_the_card(tmp_path: Path, on_card: Callable[[int], None]) -> None:
@@ -69,16 +74,18 @@ def test_a_shard_fits_into_half_of_the_card(tmp_path: Path, on_card: Callable[[i
     """
     case = case_of(tmp_path, 10**8)
     assert run_setup.ON_CARD == 200
-    assert divide.number(case, None, None) == 96  # on the processor of 200 GiB: 2^20 in each
+    assert (
+        divide.number_of_shards(case, None, None) == 96
+    )  # on the processor of 200 GiB: 2^20 in each
     on_card(4 * GIB)
-    assert divide.number(case, None, None) == 19  # 18.6
+    assert divide.number_of_shards(case, None, None) == 19  # 18.6
     on_card(80 * GIB)
-    assert divide.number(case, None, None) == 12  # 2^23 in each
+    assert divide.number_of_shards(case, None, None) == 12  # 2^23 in each
     # the host has so much for the run: 1 GiB beside 0.7
-    assert divide.number(case, 1.7, None) == 19
+    assert divide.number_of_shards(case, 1.7, None) == 19
     on_card(GIB)
     # 2^16 in each, with the least that a card must have
-    assert divide.number(case, None, None) == 1526
+    assert divide.number_of_shards(case, None, None) == 1526
 
 
 def test_shards_that_do_not_fit_into_the_card_are_refused_and_more_are_not(
@@ -91,8 +98,8 @@ def test_shards_that_do_not_fit_into_the_card_are_refused_and_more_are_not(
         UserError,
         match=r"^shards = 2: 50,000,000 particles at once take 10\.4 GiB of the graphics card, of which 8\.0 GiB are free; give more shards$",
     ):
-        divide.number(case, None, 2)
-    assert divide.number(case, None, 3) == 3
+        divide.number_of_shards(case, None, 2)
+    assert divide.number_of_shards(case, None, 3) == 3
 
 
 def test_one_piece_that_the_card_does_not_hold_is_refused(
@@ -105,9 +112,9 @@ def test_one_piece_that_the_card_does_not_hold_is_refused(
         UserError,
         match=r"^particles: 100,000,000 particles at once take 19\.7 GiB of the graphics card",
     ):
-        divide.number(filled, None, None)
+        divide.number_of_shards(filled, None, None)
     on_card(20 * GIB)
-    assert divide.number(filled, None, None) == 1
+    assert divide.number_of_shards(filled, None, None) == 1
 
 
 def test_a_forecast_in_brief_that_the_card_does_not_hold_is_refused(
@@ -138,17 +145,17 @@ def test_more_particles_than_an_array_counts_are_refused(
     with pytest.raises(
         UserError, match=r"^shards = 1: 357,913,942 particles at once; at most 357,913,941 can be"
     ):
-        divide.number(many, None, 1)
-    assert divide.number(many, None, 2) == 2
-    assert divide.number(case_of(tmp_path, 357_913_941), None, 1) == 1
+        divide.number_of_shards(many, None, 1)
+    assert divide.number_of_shards(many, None, 2) == 2
+    assert divide.number_of_shards(case_of(tmp_path, 357_913_941), None, 1) == 1
     on_card(200 * GIB)
     coastal = case_of(tmp_path, 214_748_365)
-    assert divide.number(coastal, None, 1) == 1
+    assert divide.number_of_shards(coastal, None, 1) == 1
     coastal = replace(coastal, coast=replace(coastal.coast, source="gshhg"))
     with pytest.raises(
         UserError, match=r"at most 214,748,364 can be moved in one piece; give more shards$"
     ):
-        divide.number(coastal, None, 1)
+        divide.number_of_shards(coastal, None, 1)
 
 
 def test_files_and_fingerprints_name_the_card_and_its_driver(
@@ -156,20 +163,23 @@ def test_files_and_fingerprints_name_the_card_and_its_driver(
 ) -> None:
     case = case_of(tmp_path, 100)
     where = run_setup.open_for(case)
-    plain, alone = run_metadata.attributes(case, where), fingerprint.fingerprint_of(case, where, 1)
+    plain, alone = (
+        run_metadata.file_attributes(case, where),
+        fingerprint.fingerprint_of(case, where, 1),
+    )
     assert plain["backend"] == alone[work.BACKEND] == "cpu"
     assert "device" not in plain
     on_card(80 * GIB)
     monkeypatch.setattr(fingerprint, "of_machine", dict)
-    told = run_metadata.attributes(case, where)
+    told = run_metadata.file_attributes(case, where)
     assert (told["backend"], told["device"]) == ("cuda", "Card, driver 550.54, CUDA 12.4")
     assert (
         fingerprint.fingerprint_of(case, where, 1)[work.BACKEND]
         == "cuda: Card, driver 550.54, CUDA 12.4"
     )
     before = {**told, "coast": {"source": told["coast"]}, "device": "Card, driver 470.1, CUDA 11.4"}
-    assert "the device" in run_metadata.changed(case, where, before)
-    assert "the device" not in run_metadata.changed(
+    assert "the device" in run_metadata.changed_inputs(case, where, before)
+    assert "the device" not in run_metadata.changed_inputs(
         case, where, {**before, "device": told["device"]}
     )
 
@@ -196,18 +206,18 @@ def test_another_backend_begins_anew_and_says_so(
 
 def test_auto_goes_on_where_an_unfinished_run_was(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert shelf.settled("auto", out) == "auto"
+    assert shelf.resumed_backend("auto", out) == "auto"
     with shelf.open_shelf(out, {work.BACKEND: "cuda: Card, CUDA 12.4"}, 0) as kept:
-        assert shelf.settled("auto", out) == "cuda"
-        assert shelf.settled("cpu", out) == "cpu"  # who asks for one gets it
-        assert shelf.settled("auto", out, client=object()) == "auto"
+        assert shelf.resumed_backend("auto", out) == "cuda"
+        assert shelf.resumed_backend("cpu", out) == "cpu"  # who asks for one gets it
+        assert shelf.resumed_backend("auto", out, client=object()) == "auto"
         # this process runs on another
         with pytest.raises(UserError, match="start a new process for cuda"):
             drift.run(case_of(tmp_path, 200), out, backend="auto")
         (kept.folder / work.ABOUT).write_text(
             json.dumps({work.BACKEND: "abacus"}), encoding="utf-8"
         )
-        assert shelf.settled("auto", out) == "auto"
+        assert shelf.resumed_backend("auto", out) == "auto"
         shutil.rmtree(kept.folder)
 
 

@@ -63,13 +63,13 @@ def made(case: drift.Case) -> drift.Result:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
-    with cluster.connected(2, None) as client:
+    with cluster.connect_to_cluster(2, None) as client:
         yield client
 
 
 @pytest.fixture(autouse=True)
 def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+    monkeypatch.setattr(flow, "write_results", lambda *given, **more: None)
 
 
 @pytest.mark.thorough
@@ -101,7 +101,9 @@ def test_workers_see_whether_there_is_forcing_as_the_run_begins(
     """Not the process that waits for them; what they refuse is refused in the same words, before
     anything is moved.
     """
-    monkeypatch.setattr(divide, "begun", lambda *given: pytest.fail("the one process draws"))
+    monkeypatch.setattr(
+        divide, "check_shard_start", lambda *given: pytest.fail("the one process draws")
+    )
     runs.same(drift.run(case, tmp_path / "out", client=client, shards=5), made)
     monkeypatch.undo()
     monkeypatch.setattr(cluster, "move_shards_on_cluster", lambda *given: pytest.fail("it moves"))
@@ -234,7 +236,7 @@ def test_workers_let_go_of_a_run_that_is_over(
 
 @pytest.mark.thorough
 def test_a_client_that_is_closed_is_one_line(case: drift.Case, tmp_path: Path) -> None:
-    with cluster.connected(1, None) as client:
+    with cluster.connect_to_cluster(1, None) as client:
         pass
     with pytest.raises(drift.UserError, match="the client is closed"):
         drift.run(case, tmp_path / "out", client=client)
@@ -250,7 +252,7 @@ def test_a_cluster_without_workers(
     """The first is waited for; where none comes, or all go for good, that is one line."""
     monkeypatch.setattr(cluster, "WAIT", 2)
     monkeypatch.setattr(cluster, "LOOK", 0.2)
-    with cluster.connected(1, None) as client:
+    with cluster.connect_to_cluster(1, None) as client:
         client.cluster.scale(0)
         while client.nthreads():
             time.sleep(0.05)
@@ -286,7 +288,7 @@ def test_a_worker_that_is_lost_before_it_hands_over_what_it_did(
     """
     monkeypatch.setattr(cluster, "LOOK", 0.2)
     out, gone = tmp_path / "out", list[bool]()
-    with cluster.connected(1, None) as client:
+    with cluster.connect_to_cluster(1, None) as client:
 
         def report(phase: str, share: float) -> None:
             if phase == "drift" and not gone:
@@ -371,7 +373,7 @@ def test_the_schedulers_loss_is_one_line(
         stack.callback(helper.kill)
         while not address.exists():
             time.sleep(0.1)
-        with cluster.connected(None, json.loads(address.read_text())["address"]) as client:
+        with cluster.connect_to_cluster(None, json.loads(address.read_text())["address"]) as client:
             client.wait_for_workers(1, timeout=60)
 
             def report(phase: str, share: float) -> None:
@@ -404,7 +406,7 @@ def test_no_such_cluster(
     workers: int | None, address: str | None, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cluster, "PATIENCE", 1)
-    with pytest.raises(drift.UserError, match=said), cluster.connected(workers, address):
+    with pytest.raises(drift.UserError, match=said), cluster.connect_to_cluster(workers, address):
         pass
 
 
@@ -447,7 +449,7 @@ def test_a_local_cluster_that_does_not_end_is_left_behind(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(distributed, "LocalCluster", Slow)
     monkeypatch.setattr(cluster, "PATIENCE", 5)
-    with cluster.connected(1, None) as client:
+    with cluster.connect_to_cluster(1, None) as client:
         left = client.cluster
     assert left.status.name == "running"
     left.wait = 0.0

@@ -75,4 +75,4 @@ def test_one_piece_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
     filled = replace(case, resampling=replace(case.resampling, method="position", bulk=0.1))
     asked = r'1,000,000,000 in one piece, as \[resampling\] method = "position" asks for, take .* GiB of memory, and 8.0 GiB'
     with pytest.raises(UserError, match=asked):
-        divide.number(filled, None, None)
+        divide.number_of_shards(filled, None, None)

@@ -50,7 +50,7 @@ def made(case: drift.Case) -> drift.Result:
 @pytest.fixture
 def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the files of results out, which take seconds; their contents are compared."""
-    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+    monkeypatch.setattr(flow, "write_results", lambda *given, **more: None)
 
 
 def unfinished(out: Path) -> Path:
@@ -383,7 +383,7 @@ def test_two_runs_on_one_folder(
                 drift.run(case, out, shards=4)
             refused.append(str(error.value))
 
-    monkeypatch.setattr(flow, "write", lambda result, job: report("map", 1.0))
+    monkeypatch.setattr(flow, "write_results", lambda result, job: report("map", 1.0))
     runs.same(drift.run(case, out, shards=4, report=report), made)
     assert len(refused) == 2
     assert all("another run is at work on it" in words for words in refused)
@@ -442,41 +442,49 @@ def test_bad_input_is_one_line(
 def test_memory_and_the_loss_at_a_stop_choose_the_shards(case: drift.Case) -> None:
     many = drift.vary(case, {"particles": 100_000_000})
     room = 0.8 * 2**30 - divide.BASE
-    assert divide.number(many, 0.8, None) == -(-100_000_000 // int(room / divide.HELD))
-    assert divide.number(many, 1e6, None) == 96  # of 2^20
-    assert divide.number(case, None, None) == 1
+    assert divide.number_of_shards(many, 0.8, None) == -(-100_000_000 // int(room / divide.HELD))
+    assert divide.number_of_shards(many, 1e6, None) == 96  # of 2^20
+    assert divide.number_of_shards(case, None, None) == 1
 
 
 def test_the_memory_of_workers_chooses_the_shards(case: drift.Case) -> None:
     """Each has its own: a thousand of them on other machines do not share that of one."""
     many, gib = drift.vary(case, {"particles": 100_000_000}), 2**30
     two = divide.Workers(2, 3, 8 * gib)
-    assert divide.number(case, None, None, two) == 8
-    assert divide.number(case, None, None, divide.Workers(64, 1, 8 * gib)) == 9  # its blocks
-    assert divide.number(many, None, None, divide.Workers(8, 1, 8 * gib)) == 96  # of 2^20
-    assert divide.number(many, None, None, divide.Workers(64, 1, 8 * gib)) == 256  # 4 each
+    assert divide.number_of_shards(case, None, None, two) == 8
+    assert (
+        divide.number_of_shards(case, None, None, divide.Workers(64, 1, 8 * gib)) == 9
+    )  # its blocks
+    assert divide.number_of_shards(many, None, None, divide.Workers(8, 1, 8 * gib)) == 96  # of 2^20
+    assert (
+        divide.number_of_shards(many, None, None, divide.Workers(64, 1, 8 * gib)) == 256
+    )  # 4 each
     tight = 1.6 * gib
-    assert divide.number(many, None, None, divide.Workers(8, 1, tight)) == -(
+    assert divide.number_of_shards(many, None, None, divide.Workers(8, 1, tight)) == -(
         -100_000_000 // int((tight / 2 - divide.BASE) / divide.HELD)
     )
     room = 2.4 * gib / 3 - divide.BASE  # they share with the process that was started
-    assert divide.number(many, 2.4, None, two) == -(-100_000_000 // int(room / divide.HELD))
+    assert divide.number_of_shards(many, 2.4, None, two) == -(
+        -100_000_000 // int(room / divide.HELD)
+    )
     with pytest.raises(
         drift.UserError,
         match=r"memory = 2 \(GiB\): 3 processes on one machine take 2\.1 GiB at least; .* fewer workers",
     ):
-        divide.number(many, 2.0, None, two)
+        divide.number_of_shards(many, 2.0, None, two)
     limited = divide.Workers(2, 3, 8 * gib, 0.8 * gib)  # dask lets each take no more
     room = 0.8 * gib - divide.BASE
-    assert divide.number(many, 1e6, None, limited) == -(-100_000_000 // int(room / divide.HELD))
+    assert divide.number_of_shards(many, 1e6, None, limited) == -(
+        -100_000_000 // int(room / divide.HELD)
+    )
     with pytest.raises(
         drift.UserError,
         match=r"shards = 4: shards of this size take 5\.4 GiB, and memory is 1 \(GiB\)",
     ):
-        divide.number(many, 1, 4)
-    assert divide.number(many, 1, 400) == 400
+        divide.number_of_shards(many, 1, 4)
+    assert divide.number_of_shards(many, 1, 400) == 400
     with pytest.raises(drift.UserError, match=r"memory = '4 GB': give a number of GiB"):
-        divide.number(many, "4 GB", None)  # type: ignore[arg-type]
+        divide.number_of_shards(many, "4 GB", None)  # type: ignore[arg-type]
 
 
 def test_one_piece_that_does_not_fit_is_one_line(

@@ -224,7 +224,7 @@ def told(what: object) -> object:
 
 @pytest.fixture(autouse=True)
 def unwritten(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+    monkeypatch.setattr(flow, "write_results", lambda *given, **more: None)
 
 
 @pytest.fixture(scope="module")
@@ -358,7 +358,7 @@ def test_a_stretch_whose_begin_is_gone_begins_anew(
     with pytest.raises(Killed):
         drift.run(case, out, shards=3)
     monkeypatch.undo()
-    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+    monkeypatch.setattr(flow, "write_results", lambda *given, **more: None)
     kept = sorted(path.name for path in (tmp_path / f".out{hidden.UNFINISHED}").glob("*.bin"))
     late = (
         tmp_path

@@ -48,7 +48,7 @@ def made(case: drift.Case) -> drift.Result:
 
 @pytest.fixture(autouse=True)
 def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+    monkeypatch.setattr(flow, "write_results", lambda *given, **more: None)
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def test_without_room_for_them_shards_read_for_themselves(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     out = tmp_path / "out"
-    room = shelf.need(case, 20_000)
+    room = shelf.bytes_of_shards(case, 20_000)
     monkeypatch.setattr(
         work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": room})()
     )
@@ -140,7 +140,7 @@ def test_without_room_for_them_shards_read_for_themselves(
     assert "no space to cache the regridded forcing" in caplog.text
     assert not slices_of(out)
     monkeypatch.undo()
-    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+    monkeypatch.setattr(flow, "write_results", lambda *given, **more: None)
     runs.same(drift.run(case, out, shards=4), made)
     assert len(read) > 6
 
@@ -172,7 +172,7 @@ def test_workers_share_them(case: drift.Case, made: drift.Result, tmp_path: Path
     from drift.pipeline.shards import cluster
 
     out, seen = tmp_path / "out", []
-    with cluster.connected(2, None) as client:
+    with cluster.connect_to_cluster(2, None) as client:
 
         def report(phase: str, share: float) -> None:
             seen.append({path: path.stat().st_ino for path in slices_of(out)})

@@ -124,14 +124,14 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
 @pytest.fixture(scope="module")
 def made(case: drift.Case) -> drift.Result:
     """Return the result in one piece, of two rounds."""
-    with flow.kept(run_options.open_job(case)) as result:
+    with flow.open_result(run_options.open_job(case)) as result:
         after = result.aftermath
         assert after is not None
         assert len(after.rounds) == 2
         (fates,) = after.fates.parts()
         assert np.bincount(fates.stays.slot).max() > 1  # some have refloated
         assert set(np.unique(fates.ending)) >= {1, 4}  # some have sunk
-        assert len(set(release.per_world(after.spill))) == 3
+        assert len(set(release.particles_per_class(after.spill))) == 3
         assert finds.found(fates, after.posterior.known).max() > 0
     return result
 
@@ -139,7 +139,7 @@ def made(case: drift.Case) -> drift.Result:
 @pytest.fixture
 def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the files of results out, which take seconds; their contents are compared."""
-    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+    monkeypatch.setattr(flow, "write_results", lambda *given, **more: None)
 
 
 def same(one: drift.Result, other: drift.Result) -> None:
@@ -342,7 +342,7 @@ def elsewhere(case: drift.Case, out: Path, many: int, monkeypatch: pytest.Monkey
     """Stop a run when all is moved, of which a proposal differs in its last bit, by another
     library's sums say.
     """
-    around = drawn_worlds.around
+    around = drawn_worlds.proposal_around
 
     def nearly(*given: Any) -> drawn_worlds.Proposal:
         proposal = around(*given)
@@ -350,7 +350,7 @@ def elsewhere(case: drift.Case, out: Path, many: int, monkeypatch: pytest.Monkey
         return proposal
 
     with monkeypatch.context() as patch:
-        patch.setattr(drawn_worlds, "around", nearly)
+        patch.setattr(drawn_worlds, "proposal_around", nearly)
         stopped(case, out, many, 0.0, "map")
 
 
@@ -375,7 +375,7 @@ def test_a_round_of_other_worlds_is_not_used(
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
-    with cluster.connected(2, None) as client:
+    with cluster.connect_to_cluster(2, None) as client:
         yield client
 
 
@@ -461,10 +461,10 @@ def test_shards_are_blocks_of_worlds(
         assert commands.main(given) == 2
         assert "has 5 blocks of worlds; give 1 to 5" in capsys.readouterr().err
     many = drift.vary(case, {"spill.worlds": 100_000})  # 7 million particles
-    assert divide.number(many, None, None) >= 7
-    assert divide.number(case, None, None) == 1
-    assert divide.number(case, None, None, divide.Workers(2, 3, 8 * 2**30)) == BLOCKS
-    assert divide.number(many, None, None, divide.Workers(2, 3, 8 * 2**30)) >= 8
+    assert divide.number_of_shards(many, None, None) >= 7
+    assert divide.number_of_shards(case, None, None) == 1
+    assert divide.number_of_shards(case, None, None, divide.Workers(2, 3, 8 * 2**30)) == BLOCKS
+    assert divide.number_of_shards(many, None, None, divide.Workers(2, 3, 8 * 2**30)) >= 8
 
 
 @pytest.mark.thorough
@@ -476,5 +476,5 @@ def test_memory_that_the_finds_need_is_told(case: drift.Case) -> None:
         with pytest.raises(
             drift.UserError, match=r"weighting the spill's 100,000 worlds takes 1\.3 "
         ):
-            divide.number(more, 1.2, None)
-        assert divide.number(more, 1.4, None) >= particles // 10
+            divide.number_of_shards(more, 1.2, None)
+        assert divide.number_of_shards(more, 1.4, None) >= particles // 10

@@ -172,7 +172,7 @@ def test_what_refloats_is_never_worth_more_than_the_bound() -> None:
     # a lone visit is worth what it finds, in closed form elsewhere
     for s, j in itertools.product(range(3), range(3)):
         flown = exposure.expose(fates, reporting, (Walk((s,), SLOTS[j].time, 0.4),))
-        rows, chance = exposure.searched(flown, s, 0)
+        rows, chance = exposure.patrol_probability(flown, s, 0)
         assert tables[s][: j + 1, j].sum() == pytest.approx(
             float(chance @ worth[flown.slot[rows]]) / 0.4, rel=1e-12
         )
@@ -183,7 +183,7 @@ def test_what_refloats_is_never_worth_more_than_the_bound() -> None:
         flown = exposure.expose(fates, reporting, patrols)
         value = 0.0
         for k, (_, s) in enumerate(visits):
-            rows, chance = exposure.searched(flown, s, k)
+            rows, chance = exposure.patrol_probability(flown, s, k)
             value += float(chance @ worth[flown.slot[rows]])
         assert value <= bound * (1 + 1e-9)
 
@@ -243,7 +243,9 @@ def test_patrols_made_as_planned_find_as_many(planned, tmp_path: Path) -> None:
     assert [patrol.detection for patrol in case.spill.patrols] == [
         slot.team.detection for slot in slots
     ]
-    walked = [row["segments"] for row in renewal.patrols(case.spill, result.aftermath.segments)]
+    walked = [
+        row["segments"] for row in renewal.rows_of_patrols(case.spill, result.aftermath.segments)
+    ]
     assert walked == [[v.segment for v in visits] for _, visits in patrol_planner.by_patrol(plan)]
     table = (folder / "out" / "patrols.csv").read_text().splitlines()
     assert len(table) == 1 + len(plan.visits)

@@ -167,7 +167,7 @@ def test_what_a_sortie_is_reckoned_to_find_it_finds_when_executed(
     )  # fmt: skip
     for name in AREAS:
         reckoned, sortie = scored(job.case, tracks, name)
-        result = flow.forecasted(replace(job, case=replace(same, sorties=(sortie,))))
+        result = flow.forecast_job(replace(job, case=replace(same, sorties=(sortie,))))
         assert result.updates is not None
         executed = np.asarray(result.updates.all[-1].pos)[:3]
         assert executed.min() > 0.03, name

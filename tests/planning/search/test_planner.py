@@ -155,7 +155,7 @@ def test_finding_alive_is_worth_less_than_finding(tmp_path: Path) -> None:
     made, result = planner.plan(case_of(tmp_path, objective="alive"))
     assert 0.05 < made.value < made.pos
     # the plan is still to come: told from the sortie before it on
-    told = flow.suspension(result, planner.ahead(made))
+    told = flow.suspension_basis(result, planner.ahead(made))
     assert told is not None
     assert told.now == np.datetime64("2026-06-01T07:00")
     assert [update.name for update, _ in told.sorties] == ["before"]

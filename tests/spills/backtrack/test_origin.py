@@ -276,7 +276,7 @@ def origin(
     """Return where a case's spill may have come from; fine: the resolution."""
     assert case.spill is not None
     spec, clock = run_setup.ensemble_spec(case), run_setup.clock_spec(case)
-    return backward.backward(
+    return backward.estimate_origin(
         case.spill, spec, clock, where, cut, stretch, backward.Resolution(**fine)
     )
 
@@ -517,7 +517,7 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
         lon, lat, time.astype("datetime64[s]"), chance, chance, (0.0, 50.0, T0 + 4.5 * HOUR),
         (3000.0, 3000.0, 10_000.0), (1.0, 1.0, 1.0), 10, 5.0,
     )  # fmt: skip
-    said = backward.summary(release)
+    said = backward.summary_of_origin(release)
     # A circular normal holds 1 - exp(-r^2 / 2 s^2); cells are 0.8 by 1.1 km.
     for share in (50, 90):
         radius = 3 * np.sqrt(-2 * np.log1p(-share / 100))
@@ -534,7 +534,7 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
         words["standard deviation"] == "1.62 nmi (3.00 km) east, 1.62 nmi (3.00 km) north, 2.78 h"
     )
     assert words["worlds"] == "5 of 10 effective"
-    (row,) = csv.DictReader(io.StringIO(text.csv(said, "run-s1")))
+    (row,) = csv.DictReader(io.StringIO(text.origin_csv(said, "run-s1")))
     for name, value in said.items():
         assert (
             row[name] == value
@@ -547,7 +547,7 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
         if name.endswith(("km", "km2", "_h", "bit"))
     ]
     assert max(digits) <= 6
-    data = backward.dataset(release)
+    data = backward.origin_dataset(release)
     assert float(data["probability"].sum()) == pytest.approx(1)
     assert data["probability"].dims == ("time", "lat", "lon")
     data.to_netcdf(tmp_path / "origin.nc")
@@ -581,11 +581,13 @@ def test_finds_that_say_nothing_beyond_the_prior_are_said_to() -> None:
         exact = ((ratio**2 + shift**2 - 1) / 2 - np.log(ratio)) / np.log(2)
         told = release(centre, width)
         # Cut at five standard deviations: what is beyond holds 6e-7, and says at most 13 nats.
-        assert backward.information(told) == pytest.approx(exact, abs=2e-5)
-        assert backward.summary(told)["information_bit"] == backward.information(told)
-        assert any("next to no information" in words for words in backward.warnings(told)) == (
-            exact < backward.LITTLE
+        assert backward.information_gain(told) == pytest.approx(exact, abs=2e-5)
+        assert backward.summary_of_origin(told)["information_bit"] == backward.information_gain(
+            told
         )
+        assert any(
+            "next to no information" in words for words in backward.origin_warnings(told)
+        ) == (exact < backward.LITTLE)
 
 
 def test_finds_that_no_release_leads_to_are_refused_by_name(tmp_path) -> None:

@@ -17,7 +17,7 @@ from drift.engine.particles.status import Status
 from drift.spills.worlds import exposure, finds, realisations, shrinkage
 from drift.spills.worlds.exposure import Reporting, Walk
 from drift.spills.worlds.fates import FOREVER, Adrift, Fates, Realisation
-from drift.spills.worlds.finds import AtSea, Detection, Known, Numbers
+from drift.spills.worlds.finds import AtSea, Detection, Numbers, SpillEvidence
 from geo import sphere
 from geo.errors import UserError
 
@@ -39,12 +39,12 @@ def known(
     worlds: int,
     now: float,
     **other: Any,
-) -> Known:
+) -> SpillEvidence:
     reporting = other.pop("reporting", Reporting(np.full(3, RATE), LOSS, np.ones(worlds)))
-    return Known(count, tuple(seen), tuple(patrols), reporting, np.full(3, 1e4), now)
+    return SpillEvidence(count, tuple(seen), tuple(patrols), reporting, np.full(3, 1e4), now)
 
 
-def weigh(fates: Fates, told: Known, latent: Any = None) -> finds.Posterior:
+def weigh(fates: Fates, told: SpillEvidence, latent: Any = None) -> finds.Posterior:
     return finds.posterior(
         fates,
         told,
@@ -139,19 +139,21 @@ def test_integrals_between_patrols_against_quadrature(latest: bool) -> None:
         )[0]
 
     if latest:
-        assert exposure.reported(here, 1, 600_000)[1] == pytest.approx(
+        assert exposure.reported_probability(here, 1, 600_000)[1] == pytest.approx(
             by(600_000, arrival), rel=1e-9
         )
-        assert exposure.reported(here, 2, now)[1] == pytest.approx(by(now, leave + 50), rel=1e-9)
+        assert exposure.reported_probability(here, 2, now)[1] == pytest.approx(
+            by(now, leave + 50), rel=1e-9
+        )
         caught = 0.2 + 0.5 * alive(400_000) + 0.7 * alive(800_000)
-        assert exposure.found(here, now) == pytest.approx(
+        assert exposure.found_probability(here, now) == pytest.approx(
             by(leave, arrival) + by(now, leave + 50) + caught, rel=1e-9
         )
     else:
         for t in (100_000.0, 500_000.0):
-            assert exposure.public(here, 1, t)[1] == pytest.approx(h * alive(t), rel=1e-12)
-        assert exposure.public(here, 1, leave)[1] == [0]
-        assert exposure.public(here, 2, now)[1] == pytest.approx(h * alive(now), rel=1e-12)
+            assert exposure.report_density(here, 1, t)[1] == pytest.approx(h * alive(t), rel=1e-12)
+        assert exposure.report_density(here, 1, leave)[1] == [0]
+        assert exposure.report_density(here, 2, now)[1] == pytest.approx(h * alive(now), rel=1e-12)
 
 
 def test_a_certain_patrol_leaves_nothing() -> None:
@@ -159,8 +161,8 @@ def test_a_certain_patrol_leaves_nothing() -> None:
     here = exposure.expose(
         fates, Reporting(np.full(3, RATE), 0.0, np.ones(1)), (Walk((1,), 10, 1.0),)
     )
-    assert exposure.public(here, 1, 30)[1] == pytest.approx([0, RATE * np.exp(-RATE * 10)])
-    assert exposure.found(here, 10) == pytest.approx([1, 0])
+    assert exposure.report_density(here, 1, 30)[1] == pytest.approx([0, RATE * np.exp(-RATE * 10)])
+    assert exposure.found_probability(here, 10) == pytest.approx([1, 0])
 
 
 SEEN = [
@@ -242,22 +244,22 @@ def test_a_find_that_may_be_false_is_the_sum_of_both() -> None:
     alone, both = told(first).log_likelihood, told(first, odd).log_likelihood
     here = exposure.expose(fates, Reporting(np.full(3, RATE), LOSS, np.ones(20)), ())
     public = (
-        np.array([exposure.reported(here, s, now)[1].sum() for s in range(3)])
+        np.array([exposure.reported_probability(here, s, now)[1].sum() for s in range(3)])
         * 35
         * 0.75
         / fates.world.size
     )
-    alien = 0.3 / 0.7 * (public**2).sum() / public.sum() / now  # equal stretches, since time 0
-    exact = np.logaddexp(both, alone + np.log(alien))
+    unrelated = 0.3 / 0.7 * (public**2).sum() / public.sum() / now  # equal stretches, since time 0
+    exact = np.logaddexp(both, alone + np.log(unrelated))
     doubtful = told(first, dataclasses.replace(odd, false=0.3))
     assert doubtful.log_likelihood == pytest.approx(exact, rel=1e-12)
     # Bayes by hand: of all worlds together, the share of what the find is worth as a false one.
-    assert doubtful.alien == pytest.approx(
-        [0, alien * np.exp(alone).sum() / np.exp(exact).sum()], rel=1e-10
+    assert doubtful.unrelated == pytest.approx(
+        [0, unrelated * np.exp(alone).sum() / np.exp(exact).sum()], rel=1e-10
     )
     surely = told(first, dataclasses.replace(odd, false=1.0))
     assert surely.log_likelihood == pytest.approx(alone, rel=1e-12)
-    assert surely.alien.tolist() == [0, 1]
+    assert surely.unrelated.tolist() == [0, 1]
 
 
 def usual_by_hand(
@@ -305,19 +307,21 @@ def test_coast_where_nothing_comes_does_not_decide_whether_a_find_is_ours(
     coast = np.array([*lengths, *[2.5e4] * empty])
     reporting = Reporting(np.array([*rates, *[RATE] * empty]), 0.0, np.ones(1))
     seen = (Detection("a", 0, 0, 2 * DAY), find)
-    told = Known(numbers([30]), seen, (), reporting, coast, now)
+    told = SpillEvidence(numbers([30]), seen, (), reporting, coast, now)
     fates = spill(1, [n], stays)
     by_hand = 30 * usual_by_hand(lengths, rates, shares, find, now) * (find.time if latest else 1)
     assert finds.usual(fates, told, np.zeros(1)) == pytest.approx([0, by_hand], rel=1e-12)
     weighed = weigh(fates, told)
     small = weigh(
         fates,
-        Known(numbers([30]), seen, (), Reporting(np.array(rates), 0.0, np.ones(1)), coast[:3], now),
+        SpillEvidence(
+            numbers([30]), seen, (), Reporting(np.array(rates), 0.0, np.ones(1)), coast[:3], now
+        ),
     )
     assert weighed.log_likelihood == pytest.approx(small.log_likelihood, rel=1e-13)
-    assert weighed.alien == pytest.approx(small.alien, rel=1e-12)
+    assert weighed.unrelated == pytest.approx(small.unrelated, rel=1e-12)
     # none of 400 particles came there: at most half of one in 400 does
-    assert weighed.alien[1] > 0.99
+    assert weighed.unrelated[1] > 0.99
 
 
 def test_what_others_leave_on_the_shore_is_reckoned_once() -> None:
@@ -328,7 +332,7 @@ def test_what_others_leave_on_the_shore_is_reckoned_once() -> None:
     same = weigh(fates, dataclasses.replace(told, usual=usual))
     assert (same.log_likelihood == weigh(fates, told).log_likelihood).all()
     twice = weigh(fates, dataclasses.replace(told, usual=2 * usual))
-    assert twice.alien[1] > same.alien[1]
+    assert twice.unrelated[1] > same.unrelated[1]
 
 
 def test_a_find_at_sea_prefers_the_world_adrift_there() -> None:
@@ -371,14 +375,18 @@ def test_the_chance_of_having_been_found_is_one(
     patrols = tuple(Walk((s,), t, d) for s, t, d in walks)
     here = exposure.expose(fates, Reporting(np.full(3, rate), loss, np.ones(2)), patrols)
     parts = np.concatenate(
-        [exposure.reported(here, s, now)[1] for s in range(3)]
-        + [exposure.searched(here, s, k)[1] for k, p in enumerate(patrols) for s in p.segments]
+        [exposure.reported_probability(here, s, now)[1] for s in range(3)]
+        + [
+            exposure.patrol_probability(here, s, k)[1]
+            for k, p in enumerate(patrols)
+            for s in p.segments
+        ]
     )
-    chance = exposure.found(here, now)
+    chance = exposure.found_probability(here, now)
     assert parts.min(initial=0) >= 0
     assert parts.max(initial=0) <= 1 + 1e-12
     assert ((chance >= 0) & (chance <= 1)).all()
-    assert (exposure.found(here, now + DAY) >= chance - 1e-12).all()
+    assert (exposure.found_probability(here, now + DAY) >= chance - 1e-12).all()
 
 
 @pytest.mark.parametrize("seen", [SEEN, []])
@@ -482,11 +490,11 @@ def test_classes_get_whole_numbers_that_add_up() -> None:
 
 def test_tempering_leaves_as_many_worlds_as_asked() -> None:
     log = np.random.default_rng(6).normal(-900, 8, 500)
-    power = finds.tempered(log, 50)
+    power = finds.tempering_exponent(log, 50)
     assert 0 < power < 1
     weight = np.exp(power * (log - log.max()))
     assert weights.effective(weight) == pytest.approx(50, rel=1e-6)
-    assert finds.tempered(log * 1e-3, 50) == 1
+    assert finds.tempering_exponent(log * 1e-3, 50) == 1
 
 
 def test_strength_is_borrowed_where_worlds_agree_and_not_where_they_differ() -> None:
@@ -498,7 +506,7 @@ def test_strength_is_borrowed_where_worlds_agree_and_not_where_they_differ() -> 
         mean = np.exp(1 + 0.8 * z[:, 0] - 0.3 * z[:, 1] ** 2)
         truth = mean * rng.gamma(1 / width, width, worlds)
         count = rng.poisson(truth).astype(float)
-        law = np.log(shrinkage.rates(count, count, n, shrinkage.likeness(z)))
+        law = np.log(shrinkage.shrink_means(count, count, n, shrinkage.world_similarity(z)))
         exact = np.log((1 / width + count) / (1 / width / mean + 1) / n)
         # six coefficients of 2000 worlds, and a grid of widths
         assert np.sqrt(np.mean((law - exact) ** 2)) < 0.12
@@ -518,7 +526,9 @@ def test_shares_are_drawn_together_as_far_as_their_noise_goes() -> None:
     for size in (1e6, 15.0):
         truth = rng.beta(mean * size, (1 - mean) * size)
         found = rng.binomial(n, truth) / n
-        share = shrinkage.share(found, found * (1 - found), n, shrinkage.likeness(z))
+        share = shrinkage.shrink_shares(
+            found, found * (1 - found), n, shrinkage.world_similarity(z)
+        )
         exact = (mean * size + found * n) / (size + n)
         noise = np.sqrt(np.mean(truth * (1 - truth)) / n)
         assert (

@@ -15,8 +15,8 @@ from spills import DAY, Cut, scattered
 from drift.engine.particles.status import Status
 from drift.spills.worlds import finds, realisations, renewal, washup
 from drift.spills.worlds.exposure import Reporting, Walk
-from drift.spills.worlds.fates import FOREVER, Adrift, Fates, Source, Stays
-from drift.spills.worlds.finds import AtSea, Detection, Known, Numbers
+from drift.spills.worlds.fates import FOREVER, Adrift, Fates, FatesSource, Stays
+from drift.spills.worlds.finds import AtSea, Detection, Numbers, SpillEvidence
 from geo import sphere
 from geo.coast.segments import Segments
 
@@ -46,17 +46,17 @@ def coast(count: int) -> Segments:
 
 def known(
     worlds: int, objects: list[int], shares: list[float], seen: Any = SEEN, searches: Any = SEARCHES
-) -> Known:
+) -> SpillEvidence:
     count, grid = np.array(objects), np.array([0.0, 0.2, 0.5])
     numbers = Numbers(
         count, np.full(count.size, 1 / count.size), np.array(shares), grid, np.full(3, 1 / 3)
     )
     rate = np.array([0.1, 0.05, 0.2]) / DAY
     reporting = Reporting(rate, 1 / (40 * DAY), np.random.default_rng(2).uniform(0.5, 2, worlds))
-    return Known(numbers, seen, searches, reporting, coast(3).length, 7.0 * DAY)
+    return SpillEvidence(numbers, seen, searches, reporting, coast(3).length, 7.0 * DAY)
 
 
-def everything(fates: Source, told: Known, latent: Any) -> tuple[Any, ...]:
+def everything(fates: FatesSource, told: SpillEvidence, latent: Any) -> tuple[Any, ...]:
     """Return all that is made of fates after a run; stands and weights by world, as parts have them
     in another order.
     """

@@ -93,7 +93,9 @@ def test_worlds_are_like_those_whose_latents_are_nearest(worlds: int) -> None:
     """
     random = np.random.default_rng(worlds)
     latent = random.normal(0, 1, (worlds, 3)) * np.array([3.0, 0.01, 40.0]) + 7
-    made = shrinkage.likeness(np.column_stack([latent[:, :2], np.full(worlds, 5.0), latent[:, 2]]))
+    made = shrinkage.world_similarity(
+        np.column_stack([latent[:, :2], np.full(worlds, 5.0), latent[:, 2]])
+    )
     z = standardised(latent)
     apart = np.linalg.norm(z[:, None] - z[None], axis=2)
     np.fill_diagonal(apart, np.inf)
@@ -120,7 +122,7 @@ def test_only_worlds_of_one_member_correct_each_other(shares: tuple[float, ...])
         random.normal(0, 1, (300, 2)),
         random.permutation(np.repeat(np.arange(counts.size), counts)).astype(np.int32),
     )
-    made, values = shrinkage.likeness(z, member), random.normal(0, 1, 300)
+    made, values = shrinkage.world_similarity(z, member), random.normal(0, 1, 300)
     apart = np.linalg.norm(standardised(z)[:, None] - standardised(z)[None], axis=2)
     apart[member[:, None] != member] = np.inf
     np.fill_diagonal(apart, np.inf)
@@ -141,7 +143,7 @@ def test_worlds_are_drawn_toward_their_neighbours_where_no_quadratic_fits() -> N
     z = random.uniform(-1, 1, (900, 1))
     truth = 3 * np.exp(0.9 * np.sin(10 * z[:, 0]))
     count = random.poisson(truth).astype(float)
-    found = shrinkage.rates(count, count, 40, shrinkage.likeness(z)) * 40
+    found = shrinkage.shrink_means(count, count, 40, shrinkage.world_similarity(z)) * 40
     assert np.std(np.log(truth)) > 0.6
     assert np.sqrt(np.mean(np.log(found / truth) ** 2)) < 0.2
 
@@ -153,9 +155,10 @@ def test_means_are_in_the_unit_of_what_is_summed() -> None:
     parts = random.gamma(2.0, 0.5, (400, 30)) * (
         random.random((400, 30)) < 0.1 * np.exp(0.4 * z[:, :1])
     )
-    alike = shrinkage.likeness(z)
+    alike = shrinkage.world_similarity(z)
     once, more = (
-        shrinkage.rates(k * parts.sum(1), k**2 * (parts**2).sum(1), 30, alike) for k in (1.0, 37.2)
+        shrinkage.shrink_means(k * parts.sum(1), k**2 * (parts**2).sum(1), 30, alike)
+        for k in (1.0, 37.2)
     )
     np.testing.assert_allclose(more, 37.2 * once, rtol=1e-9)
     assert once.mean() == pytest.approx(parts.mean(), rel=0.02)
@@ -163,9 +166,9 @@ def test_means_are_in_the_unit_of_what_is_summed() -> None:
 
 
 def test_of_nothing_seen_half_a_particle_in_all_worlds_is_meant_at_most() -> None:
-    alike = shrinkage.likeness(np.random.default_rng(5).normal(0, 1, (400, 2)))
+    alike = shrinkage.world_similarity(np.random.default_rng(5).normal(0, 1, (400, 2)))
     once, more = (
-        shrinkage.rates(np.zeros(400), np.zeros(400), 30, alike, full) for full in (1.0, 6.3)
+        shrinkage.shrink_means(np.zeros(400), np.zeros(400), 30, alike, full) for full in (1.0, 6.3)
     )
     assert once.min() > 0
     assert once.sum() * 30 <= 0.5 * (1 + 1e-9)
@@ -178,8 +181,11 @@ def test_shares_without_noise_are_what_they_are() -> None:
     z = random.normal(0, 1, (300, 2))
     mean = special.expit(z[:, 0] + random.normal(0, 1, 300))
     np.testing.assert_allclose(
-        shrinkage.share(mean, np.zeros(300), 50, shrinkage.likeness(z)), mean, rtol=1e-6
+        shrinkage.shrink_shares(mean, np.zeros(300), 50, shrinkage.world_similarity(z)),
+        mean,
+        rtol=1e-6,
     )
     np.testing.assert_array_equal(
-        shrinkage.share(np.zeros(300), np.zeros(300), 50, shrinkage.likeness(z)), np.zeros(300)
+        shrinkage.shrink_shares(np.zeros(300), np.zeros(300), 50, shrinkage.world_similarity(z)),
+        np.zeros(300),
     )

@@ -19,7 +19,6 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> drift.Result:
     return drift.run(case_of(tmp_path_factory.mktemp("straight")))
 
 
-@pytest.mark.thorough
 def test_arrival_times_and_numbers_on_a_straight_coast_are_those_of_the_closed_form(
     straight,
 ) -> None:
@@ -156,7 +155,7 @@ def test_washup_of_no_world_is_that_of_all_when_weights_are_even(straight) -> No
     assert straight.aftermath.posterior.effective == pytest.approx(1500)
     assert straight.washup.sizes["world"] == 1500
     assert (
-        list(washup.worst(straight.washup, 2))
+        list(washup.worst_stretches(straight.washup, 2))
         == sorted(
             range(straight.washup.sizes["segment"]),
             key=lambda k: -straight.washup["expected"].values[-1, k],

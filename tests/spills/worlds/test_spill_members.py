@@ -132,7 +132,7 @@ def test_worlds_borrow_strength_of_their_own_member_alone() -> None:
     """
     latent = np.random.default_rng(2).standard_normal((203, 2))
     member = np.array([0] * 100 + [1] * 3 + [2] * 100, np.int32)
-    alike = shrinkage.likeness(latent, member)
+    alike = shrinkage.world_similarity(latent, member)
     count = np.where(member == 1, 1.0, 1000.0)
     assert alike.near.shape[1] > 3
     assert alike.nearby(count)[member == 1].tolist() == [2.0] * 3
@@ -209,7 +209,7 @@ def test_an_origin_is_a_mixture_over_the_members(tmp_path: Path) -> None:
     case = drift.load(case.path)
     where, spec = run_setup.open_for(case), run_setup.ensemble_spec(case)
     assert case.spill is not None
-    found = backward.backward(
+    found = backward.estimate_origin(
         case.spill,
         spec,
         run_setup.clock_spec(case),

@@ -94,7 +94,7 @@ def test_that_silence_is_evidence_is_told_where_the_figures_stand(
     from drift.spills.worlds.products import chapter
 
     result, folder = told
-    words = renewal.silence(result.aftermath)
+    words = renewal.silence_of_spill(result.aftermath)
     assert words is not None
     assert "no other reports until 222200ZNOV26 (the last find or patrol)" in words
     assert outcome.spill(summary(folder))["assumed"] == words
@@ -116,7 +116,7 @@ def test_that_silence_is_evidence_is_told_where_the_figures_stand(
 def test_without_finds_and_patrols_silence_says_nothing(told) -> None:
     after = told[0].aftermath
     spill = after.spill.__class__(**{**vars(after.spill), "finds": ()})
-    assert verdict.silence(after.period, spill, 0.0) is None
+    assert verdict.silence_in_words(after.period, spill, 0.0) is None
 
 
 def test_a_range_is_told_before_the_mean_and_its_own_error(told) -> None:

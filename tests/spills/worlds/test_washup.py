@@ -260,7 +260,7 @@ def test_the_account_adds_up_in_every_world_at_every_time(seed):
     fates, draws = random_spill(rng, worlds=3, each=20, segments=7)
     outputs = np.unique(rng.integers(0, 60, 9))
     for draw in draws:
-        counts = washup.account(fates, draw, outputs)
+        counts = washup.fates_by_world(fates, draw, outputs)
         objects = np.bincount(fates.world, draw.stands, 3) + draw.destroyed + draw.found
         assert (counts.sum(axis=-1) == objects[:, None]).all()
         assert counts.min() >= 0
@@ -316,7 +316,7 @@ def test_weight_on_one_world_gives_that_worlds_numbers():
     fates, draws = random_spill(np.random.default_rng(8), worlds=4)
     outputs = np.arange(0, 40, 5)
     made = build(fates, stretches(4), draws[:1], np.array([0, 0, 1.0, 0]), outputs, START)
-    alone = washup.account(fates, draws[0], outputs)[2]
+    alone = washup.fates_by_world(fates, draws[0], outputs)[2]
     np.testing.assert_array_equal(made["total"].values.T, alone)
     for share in range(3):
         np.testing.assert_array_equal(made["total_number"].values[share].T, alone)
@@ -533,9 +533,12 @@ def test_nothing_ashore():
     )
     assert made.sizes["segment"] == 0
     assert made["total"].sel(fate="afloat").values.tolist() == [3, 3]
-    for text in (washup_tables.stretches(made, "run"), washup_tables.times(made, "run")):
+    for text in (
+        washup_tables.washup_csv(made, "run"),
+        washup_tables.washup_times_csv(made, "run"),
+    ):
         assert len(text.splitlines()) == 1
-    assert washup_tables.lines(made, stretches(2), {})["features"] == []
+    assert washup_tables.washup_geojson(made, stretches(2), {})["features"] == []
 
 
 def test_netcdf_there_and_back(tmp_path):
@@ -553,7 +556,7 @@ def test_tables_say_what_the_data_say():
     fates, draws = random_spill(np.random.default_rng(5), worlds=40)
     outputs = np.arange(-8, 40, 8)
     made = build(fates, stretches(4), draws, level(40), outputs, START, ["drum", "box"])
-    rows = list(csv.DictReader(io.StringIO(washup_tables.stretches(made, "abc-s1"))))
+    rows = list(csv.DictReader(io.StringIO(washup_tables.washup_csv(made, "abc-s1"))))
     assert [int(row["rank"]) for row in rows] == list(range(1, 1 + made.sizes["segment"]))
     worst = [float(row["expected"]) for row in rows]
     assert worst == sorted(worst, reverse=True)
@@ -571,14 +574,14 @@ def test_tables_say_what_the_data_say():
         )
         assert list(row)[-1] == "run_id"
         assert row["run_id"] == "abc-s1"
-    rows = list(csv.DictReader(io.StringIO(washup_tables.times(made, "abc-s1"))))
+    rows = list(csv.DictReader(io.StringIO(washup_tables.washup_times_csv(made, "abc-s1"))))
     assert len(rows) == np.count_nonzero(made["arrived"].values) < made["arrived"].size
     for row in rows:
         at = made.sel(
             segment=int(row["segment"]), time=np.datetime64(row["time"].removesuffix("Z"))
         )
         assert float(row["probability"]) == pytest.approx(at["probability"].item(), abs=1e-6)
-    rows = list(csv.DictReader(io.StringIO(washup_tables.totals(made, "abc-s1"))))
+    rows = list(csv.DictReader(io.StringIO(washup_tables.totals_csv(made, "abc-s1"))))
     every = [float(row["expected"]) for row in rows]
     np.testing.assert_allclose(np.reshape(every, (-1, 7)), made["total"].values.T, rtol=1e-5)
 
@@ -596,7 +599,10 @@ def test_geojson_is_cut_at_the_antimeridian():
     fates = spill([0, 0], [(0, 0, 5, FOREVER), (1, 1, 5, FOREVER)])
     made = build(fates, where, [once([3, 1], 1)], level(1), np.array([10]), START)
     made = json.loads(
-        json.dumps(washup_tables.lines(made, where, {"run_id": "x", "title": "T"}), allow_nan=False)
+        json.dumps(
+            washup_tables.washup_geojson(made, where, {"run_id": "x", "title": "T"}),
+            allow_nan=False,
+        )
     )
     assert made["run_id"] == "x"
     across, wrapped = (shapely.geometry.shape(f["geometry"]) for f in made["features"])

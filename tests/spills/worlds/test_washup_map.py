@@ -169,9 +169,9 @@ def test_colours_run_with_lightness_alone():
 def test_the_worst_come_first():
     where, _ = coast(-95.0, 29.0, 12)
     made = spill(where, [5, 2, 9])
-    worst = washup.worst(made)
+    worst = washup.worst_stretches(made)
     assert made["segment"].values[worst].tolist() == [5, 2, 9]
-    assert washup.worst(made, 1).tolist() == worst[:1].tolist()
+    assert washup.worst_stretches(made, 1).tolist() == worst[:1].tolist()
 
 
 def test_all_afloat_again(tmp_path, monkeypatch):
@@ -212,7 +212,7 @@ def test_numbers_of_stretches_are_those_of_the_table(tmp_path, monkeypatch):
     washup_map.plot_washup(
         made, where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=lambda box: [land])
     )
-    table = washup_tables.records(made)
+    table = washup_tables.stretch_columns(made)
     assert dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True)) == {
         4: 1,
         7: 2,
@@ -229,7 +229,7 @@ def test_what_is_planned_is_shown_near_and_listed_alone(tmp_path, monkeypatch):
     said = words(monkeypatch)
     where, land = coast(-95.0, 29.0, 12)
     made = spill(where, [4, 5, 9])
-    table = washup_tables.records(made)
+    table = washup_tables.stretch_columns(made)
     ranks = dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True))
     walked = [washup_map.Patrolled("east", np.datetime64("1973-11-22T09:30:00"), 0.65, [9])]
     setting, finds = Setting(Imprint("T"), polygons=lambda box: [land]), [Mark(-94.6, 29.0, "far")]
@@ -283,7 +283,7 @@ def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
 
 def test_stretches_without_a_name_are_called_by_their_number():
     assert (
-        washup_tables.called(12, "29-02.8N 090-52.6W", "29-02.8N 090-52.6W")
+        washup_tables.stretch_name(12, "29-02.8N 090-52.6W", "29-02.8N 090-52.6W")
         == "stretch 12, 29-02.8N 090-52.6W"
     )
-    assert washup_tables.called(12, "Long beach", "29-02.8N 090-52.6W") == "Long beach"
+    assert washup_tables.stretch_name(12, "Long beach", "29-02.8N 090-52.6W") == "Long beach"

@@ -4,7 +4,7 @@ import xarray as xr
 
 from drift.products.maps import labels
 from drift.spills.worlds import washup
-from drift.spills.worlds.products.tables import called
+from drift.spills.worlds.products.tables import stretch_name
 from geo import notation
 from geo.notation import NMI
 
@@ -26,9 +26,9 @@ def washup_headline(data: xr.Dataset) -> str:
     low, _, high = ashore["total_number"].values
     words = f"By {when} {labels.number(expected)} of {lost:,.0f} objects are expected ashore"
     words += f" ({low:,.0f} to {high:,.0f} with 80 % probability)." if high > low else "."
-    worst = at.isel(segment=washup.worst(data, 1)[0])
+    worst = at.isel(segment=washup.worst_stretches(data, 1)[0])
     name, near = worst["name"].item(), worst["near"].item()
-    place = called(int(worst["segment"]), name, near)
+    place = stretch_name(int(worst["segment"]), name, near)
     away = f", {worst['near_distance'].item() / NMI:.0f} nmi from {near}" if near else ""
     return (
         f"{words} The stretch with most of them, {labels.number(worst['expected'].item())}, is "

@@ -232,7 +232,7 @@ def _scales(shown: _Shown) -> tuple[tuple[float, float], tuple[float, float]]:
 def _shown(data: xr.Dataset, segments: Segments, only: set[int] | None) -> _Shown:
     """Return the stretches to draw; only: numbers of stretches that may be listed, None: all."""
     ever, number = data["ever"].values, data["expected"].values[-1]
-    order = washup.worst(data)
+    order = washup.worst_stretches(data)
     drawn = np.flatnonzero(ever[order] >= min(LEAST, 0.1 * ever.max(initial=0.0)))
     index = order[drawn]
     lines = [_parts(segments, number) for number in data["segment"].values[index]]

@@ -16,20 +16,20 @@ from geo.coast.segments import Segments
 Columns = dict[str, Any]  # arrays or lists of the same length, by the column's name
 
 
-def stretches(data: xr.Dataset, run: str) -> str:
+def washup_csv(data: xr.Dataset, run: str) -> str:
     """Return the touched stretches at the end of the run, worst first, as CSV.
 
     run: the run_id, for the last column. Arrival times are in UTC and in hours after the run's
     start; an unknown value is empty.
     """
-    columns = records(data)
+    columns = stretch_columns(data)
     rows = [[*map(_text, row), run] for row in zip(*columns.values(), strict=True)]
     return formats.csv_text([*columns, "run_id"], rows)
 
 
-def records(data: xr.Dataset) -> Columns:
+def stretch_columns(data: xr.Dataset) -> Columns:
     """Return the figures of the touched stretches at the end, worst first; NaN if unknown."""
-    order = washup.worst(data)
+    order = washup.worst_stretches(data)
     at = data.isel(time=-1, segment=order)
     lon, lat = sphere.wrap_degrees(at["lon"].values), at["lat"].values
     length = at["length"].values / 1000
@@ -72,26 +72,26 @@ def records(data: xr.Dataset) -> Columns:
     return columns
 
 
-def called(number: int, name: str, place: str) -> str:
+def stretch_name(number: int, name: str, place: str) -> str:
     """Return the name of a stretch; with its number if the name is only its position."""
     return f"stretch {number}, {name}" if name == place else name
 
 
-def stretch(segments: Segments, number: int) -> str:
+def stretch_with_town(segments: Segments, number: int) -> str:
     """Return the name of a stretch; with the nearest town if the name is only its position."""
     lon, lat, name = float(segments.lon[number]), float(segments.lat[number]), segments.name[number]
     place = notation.position(lon, lat) or ""
     (found,) = gazetteer.nearest_towns(np.array([lon]), np.array([lat]), segments.land)
     town = gazetteer.place_in_words(found) if place and place in name else ""
-    return called(number, name, place) + (f", {town}" if town else "")
+    return stretch_name(number, name, place) + (f", {town}" if town else "")
 
 
-def times(data: xr.Dataset, run: str) -> str:
+def washup_times_csv(data: xr.Dataset, run: str) -> str:
     """Return the stretches with any arrival so far at each output time, worst first, as CSV."""
     rows: list[list[Any]] = []
     header, worlds = [*_figures(data.isel(time=0)), "effective_worlds"], _text(_worlds(data))
     for t, when in enumerate(data["time"].values):
-        order = washup.worst(data, time=t)
+        order = washup.worst_stretches(data, time=t)
         order = order[data["arrived"].values[t, order] > 0]
         at = data.isel(time=t, segment=order)
         names = at["segment"].values, at["name"].values
@@ -103,7 +103,7 @@ def times(data: xr.Dataset, run: str) -> str:
     return formats.csv_text(["time", "date_time_group", "segment", "name", *header, "run_id"], rows)
 
 
-def totals(data: xr.Dataset, run: str) -> str:
+def totals_csv(data: xr.Dataset, run: str) -> str:
     """Return the account as CSV, by time and fate; expected numbers of a time add up to N."""
     mean, number = (
         [_significant(data[name + end].values) for end in ("", "_se")]
@@ -136,13 +136,15 @@ def totals(data: xr.Dataset, run: str) -> str:
     return formats.csv_text(header, rows)
 
 
-def lines(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -> dict[str, Any]:
+def washup_geojson(
+    data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return the touched stretches as a GeoJSON FeatureCollection of lines (RFC 7946), worst first.
 
     Lines are cut at 180 degrees. A feature's id is that of the stretch; its properties are the
     columns of `stretches`, null if unknown.
     """
-    columns = records(data)
+    columns = stretch_columns(data)
     features = []
     for number, row in zip(columns["segment"], zip(*columns.values(), strict=True), strict=True):
         properties = {name: _number(value) for name, value in zip(columns, row, strict=True)}

@@ -275,7 +275,7 @@ def test_sensors_see_it_where_it_is(tmp_path: Path) -> None:
         path.write_text(sensors + head + text)
         case = case_file.load(path)
         begin = run_setup.prepare(case, run_setup.open_for(case))
-        search = run_setup.search(case, begin, run_setup.beliefs(case, begin))
+        search = run_setup.build_search_filter(case, begin, run_setup.beliefs(case, begin))
         list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.empty(0), search=search))
         begin.scene.forcing.close()
         assert search is not None

@@ -91,7 +91,7 @@ def run_of(tmp_path, text):
     guide.
     """
     case, begin = begun(tmp_path, text)
-    search = run_setup.search(case, begin)
+    search = run_setup.build_search_filter(case, begin)
     with contextlib.closing(begin.scene.forcing):
         list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([0]), search=search))
     lon, lat = (begin.ensemble.columns[name].to_numpy() * sphere.UNIT for name in ("lon", "lat"))

@@ -557,7 +557,7 @@ def test_resampling_keeps_what_has_been_heard(tmp_path: Path, method: str, acros
 @pytest.mark.usefixtures("coarse_maps")
 def test_in_shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three shards tell to the bit what one piece does: tracks with weights, updates."""
-    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+    monkeypatch.setattr(flow, "write_results", lambda *given, **more: None)
     text = sonars.HEAD.replace("DURATION", "6").replace("PARTICLES", "9000").replace(
         "STEP", "60"
     ) + everything(tmp_path)
@@ -590,6 +590,6 @@ def test_memory_of_what_listens_is_reckoned(tmp_path: Path) -> None:
         WATCH.replace("5.6", "2") + WATCH.replace("0.3", "2").replace('"w"', '"v"'),
     ):
         path.write_text(head + RAFT + sonar.text(tmp_path) + LOOK + watch)
-        found.append(run_setup.more_bytes(drift.load(path)))
+        found.append(run_setup.extra_bytes_per_particle(drift.load(path)))
     assert 2 * 17 * 4 * 8 <= found[1] - found[0] < 2 * 17 * 4 * 8 + 50
     assert found[2] - found[1] < 50  # it begins when the other is over

@@ -183,7 +183,7 @@ def run(tmp_path, text, step="1 h", **overrides):
     case = case_file.load(path, overrides)
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
-    search = run_setup.search(case, begin)
+    search = run_setup.build_search_filter(case, begin)
     outputs = case.period.seconds(case.outputs)
     moments = list(simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search))
     begin.scene.forcing.close()
