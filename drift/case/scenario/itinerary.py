@@ -61,7 +61,7 @@ class CourseTable(WindowedTable):
     change: fields.Duration | None = None
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Course:
-        """Return the record."""
+        """Return the record of the phase, for a case from `start` to `end`."""
         return Course(self.course, self.speed, self.change or 0.0, *self.end(start))
 
 
@@ -96,7 +96,7 @@ class ActsTable(BehaviourTable, WindowedTable):
         return self
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Acts:
-        """Return the record."""
+        """Return the record of the phase, for a case from `start` to `end`."""
         assert self.acts is not None
         until, lasting = self.end(start)
         speed = self.speed or Spread(0.0, self.fastest, self.fastest / 2)
@@ -167,7 +167,7 @@ class LoiterTable(WindowedTable):
         return self
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Loiter:
-        """Return the record."""
+        """Return the record of the phase, for a case from `start` to `end`."""
         lon, lat = np.radians(np.array(AreaTable.model_construct(polygon=self.polygon).corners())).T
         return Loiter(
             InRing(tuple(lon.tolist()), tuple(lat.tolist())), self.speed, self.leg, *self.end(start)
@@ -278,7 +278,7 @@ class PhaseTable(fields.Table):
         return self
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Phase:
-        """Return the record."""
+        """Return the record of the phase, for a case from `start` to `end`."""
         phase: Phase = getattr(self, self.kind).phase(start, end, folder)
         return phase
 
@@ -298,7 +298,7 @@ class DistressTable(fields.Table):
         return self
 
     def distress(self, phases: tuple[Phase, ...], start: np.datetime64) -> Distress:
-        """Return the record."""
+        """Return the record of the distress: when the target goes adrift."""
         if self.rate is not None:
             return Rate(self.rate)
         if self.part is not None:

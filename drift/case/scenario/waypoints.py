@@ -179,7 +179,7 @@ class TrackTable(BoundedTable):
     points: Annotated[list[PointTable], Field(min_length=2)]
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
-        """Return the record."""
+        """Return the record of the phase, for a case from `start` to `end`."""
         earliest, after = start_distribution(self.start, start)
         points = _way_points(self.points, None, start)
         _check_order(list(points), start, lambda seconds: f"after {seconds / 3600:g} h")
@@ -229,7 +229,7 @@ class BridgeTable(BoundedTable):
             refuse_width(self.k * self.k_spread * math.sqrt(max(lasting, 0.0)) / 2)  # midway
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
-        """Return the record."""
+        """Return the record of the phase, for a case from `start` to `end`."""
         points = _way_points(self.points, start, start)
         last = points[-1].place
         ends = tuple(
@@ -262,7 +262,7 @@ class VoyageTable(fields.Table):
     cross_track: fields.Length = 0.0
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
-        """Return the record."""
+        """Return the record of the phase, for a case from `start` to `end`."""
         lon, lat = np.radians(np.array(self.waypoints)).T
         length = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])
         if (length < 1).any():
