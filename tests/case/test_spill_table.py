@@ -737,7 +737,7 @@ def test_release_duration_beyond_the_run(tmp_path: Path) -> None:
 def test_the_grid_of_destroyed_shares_stays_inside_its_range(tmp_path: Path) -> None:
     spill = case_file.load(written(tmp_path)).spill
     assert spill is not None
-    shares = evidence._numbers(spill).destroyed
+    shares = evidence._number_priors(spill).destroyed
     assert 0 < shares.min() < shares.max() < 0.3
     assert math.isclose(shares.mean(), 0.15)
 
