@@ -409,11 +409,11 @@ def test_what_flees_reacts_to_the_path_and_what_another_vessel_does_not_matter_t
         ),
         (
             {"pursuit.step": "90 min"},
-            "pursuit: begins 050315ZMAR26, and the case ends 050415ZMAR26: there is no step of 90 min between",
+            "pursuit: begins 050315ZMAR26, and the case ends 050415ZMAR26: no step of 90 min fits between",
         ),
         (
             {"pursuit.begin": "3 h"},
-            "pursuit: begins 050500ZMAR26, and the case ends 050415ZMAR26: there is no step of 10 min between",
+            "pursuit: begins 050500ZMAR26, and the case ends 050415ZMAR26: no step of 10 min fits between",
         ),
         ({"pursuit.lasting": "5 min"}, "pursuit: it lasts less than a step"),
         ({"pursuit.step": "10 s"}, "360 steps make"),

@@ -194,7 +194,7 @@ radius = "6 nmi"
     [
         ('fastest = "32 kn"', "", "needs fastest"),
         ("below = 0.3", "", "needs 0 < bulk <= below"),
-        ('method = "METHOD"', "", "bulk and fastest: of method"),
+        ('method = "METHOD"', "", "bulk and fastest: only for method"),
         ('far = "22 nmi"', 'far = "22 nmi"', ""),
         ("clock.step = STEP", "clock.step = 420", "a step has to end at each"),
         (
@@ -204,11 +204,11 @@ radius = "6 nmi"
         ),
         ('time = "+20 min"', 'time = "+0 min"', "at the start of the run"),
         ("time = ", "belief = 0.5\ntime = ", "no contact of the case allows it"),
-        ("[resampling]", '[plan]\nbegin = "+50 min"\n[resampling]', "a plan is made on particles"),
+        ("[resampling]", '[plan]\nbegin = "+50 min"\n[resampling]', "a plan needs particles of the posterior"),
         (
             "[resampling]",
             '[[line]]\nname = "x"\npoints = [[179, -61], [179.5, -61]]\n[resampling]',
-            "particles leap",
+            "moves particles",
         ),
     ],
 )
