@@ -204,7 +204,11 @@ radius = "6 nmi"
         ),
         ('time = "+20 min"', 'time = "+0 min"', "at the start of the run"),
         ("time = ", "belief = 0.5\ntime = ", "no contact of the case allows it"),
-        ("[resampling]", '[plan]\nbegin = "+50 min"\n[resampling]', "a plan needs particles of the posterior"),
+        (
+            "[resampling]",
+            '[plan]\nbegin = "+50 min"\n[resampling]',
+            "a plan needs particles of the posterior",
+        ),
         (
             "[resampling]",
             '[[line]]\nname = "x"\npoints = [[179, -61], [179.5, -61]]\n[resampling]',
