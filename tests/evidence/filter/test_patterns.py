@@ -250,7 +250,7 @@ def test_the_outline_of_what_was_searched() -> None:
     """A straight leg of 10 nmi and 1 nmi to each side: 20 nmi2 and a circle, in 16 corners, of 1
     nmi.
     """
-    legs = patterns.fly([179.95, 180.15], [0.0, 0.0], 0.0, 10.0)
+    legs = polyline.legs_at_speed([179.95, 180.15], [0.0, 0.0], 0.0, 10.0)
     area = polyline.search_strip(legs, NMI)
     length = polyline.lengths(legs).sum() / NMI
     size = patterns.square_metres(area) / NMI**2

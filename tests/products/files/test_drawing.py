@@ -118,7 +118,7 @@ from drift.products.files import drawing
 def slow(path):
     path.write_text(str(os.getpid()))
     time.sleep(600)
-with drawing.begun({"a.png": slow, "b.png": slow}, Path(sys.argv[1]), 2):
+with drawing.draw_in_parallel({"a.png": slow, "b.png": slow}, Path(sys.argv[1]), 2):
     time.sleep(600)
 """
 

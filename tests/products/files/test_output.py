@@ -326,9 +326,9 @@ def test_a_kill_leaves_no_half_file(tmp_path):
         import os, sys
         from pathlib import Path
         from drift.products.files import writer
-        from drift.products.files.chapter import Chapter
+        from drift.products.files.chapter import OutputBundle
         files, pictures = {"track.csv": lambda stamped: "time"}, {"map.png": lambda path: os._exit(9)}
-        writer.write(Path(sys.argv[1]), [Chapter(files=files, pictures=pictures)])
+        writer.write(Path(sys.argv[1]), [OutputBundle(files=files, pictures=pictures)])
     """
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(program), str(tmp_path / "out")],
