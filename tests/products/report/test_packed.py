@@ -53,6 +53,7 @@ def test_shares_are_told_to_half_a_level() -> None:
     rng = np.random.default_rng(4)
     values = rng.random((2, 6, 9))
     values[0, :2] = np.nan
+    values[1, 0], values[1, -1] = 0.992, 0.998  # the rim of a map, which is not cut off
     told = packed.shares(values)
     for frame, then in zip(told["frames"], values, strict=True):
         q = opened(frame, then.shape).astype(float)
