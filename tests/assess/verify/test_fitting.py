@@ -443,7 +443,7 @@ def test_the_command_prints_an_uncertainty_to_paste(tmp_path, capsys):
     assert made.standing_bias == pytest.approx(math.sqrt(max(square, made.law.bias**2)))
     drift.vary(drift.load(tmp_path / "case.toml"), {"uncertainty": pasted})
     for wrong, words in (
-        (["--max-gap", "9 min"], "no way between two fixes"),
+        (["--max-gap", "9 min"], "no two fixes at most 0.15 h apart"),
         (["--max-gap", "-1 h"], "--max-gap"),
         (["--columns", "current_east=q,current_north=v"], 'no column "q"'),
         (["--max-speed", "3 h"], "--max-speed"),

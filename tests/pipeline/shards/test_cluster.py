@@ -269,7 +269,7 @@ def test_a_cluster_without_workers(
 
         with pytest.raises(
             drift.UserError,
-            match=r"(lost all of its workers|is lost).*kept there: the same command goes on",
+            match=r"(lost all of its workers|is lost).*kept there: the same command resumes from them",
         ):
             drift.run(case, tmp_path / "out", client=client, shards=9, report=report)
 
@@ -311,7 +311,7 @@ def test_a_worker_that_is_lost_before_it_hands_over_what_it_did(
         else:
             with pytest.raises(
                 drift.UserError,
-                match=r"lost all of its workers; .*: 9 shards .* the same command goes on",
+                match=r"lost all of its workers; .*: 9 shards .* the same command resumes from them",
             ):
                 drift.run(case, out, client=client, shards=9, report=report)
     assert gone
@@ -331,7 +331,7 @@ def test_the_scheduler_is_lost_where_shards_meet(
 
     monkeypatch.setattr(cluster, "check", lost)
     with pytest.raises(
-        drift.UserError, match=r"the cluster is lost .* kept there: the same command goes on"
+        drift.UserError, match=r"the cluster is lost .* kept there: the same command resumes from them"
     ):
         drift.run(searched, tmp_path / "out", client=client, shards=3)
 
@@ -382,7 +382,7 @@ def test_the_schedulers_loss_is_one_line(
 
             with pytest.raises(
                 drift.UserError,
-                match=r"the cluster is lost .* shards are finished and kept there: the same command goes on",
+                match=r"the cluster is lost .* shards are finished and kept there: the same command resumes from them",
             ) as error:
                 drift.run(case, out, client=client, shards=9, report=report)
     assert "\n" not in str(error.value)

@@ -546,7 +546,7 @@ def test_a_link_to_a_disk_with_more_room(
     unfinished(tmp_path / "third").symlink_to(tmp_path / "no disk")
     with pytest.raises(
         drift.UserError,
-        match=r"\.third\.unfinished: the folder to which this link leads is not there",
+        match=r"\.third\.unfinished: this link points to a folder that does not exist",
     ):
         drift.run(case, tmp_path / "third", shards=4)
 
