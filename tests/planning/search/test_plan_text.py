@@ -174,7 +174,7 @@ def test_what_else_could_be_done_stands_beside_the_plan_on_the_same_particles():
     plan = searches.plan()
     text = plan_text.plan_text(plan, "Overdue boat", "run-s1")
     told = text.split("4  ALTERNATIVES")[1].split("\n5  ")[0]
-    assert told.splitlines()[0].endswith("all on the particles that the plan was made on")
+    assert told.splitlines()[0].endswith("all on the planning particles")
     assert told.splitlines()[1] == "   0.471  this plan"
     values = [float(row.split()[0]) for row in told.splitlines() if re.match(r" +0\.\d{3}  ", row)]
     gaps = [float(gap) for gap in re.findall(r"better\s+by (\S+)", told)]
