@@ -75,8 +75,8 @@ def _relaxed(hearers: Sequence[Hearer], some: Tracks, many: int) -> tuple[float,
     """Return the bound for a number of slots, its cell size [m] and the slots used."""
     first = np.unique(np.rint(np.linspace(0, some.bins, many + 1)).astype(int))
     arrays = [_Array.of(hearer, some, first) for hearer in hearers]
-    # Each array averages over its own unknown. Arrays that share an unknown miss together more often
-    # than that (Chebyshev's inequality), so the result remains an upper bound.
+    # Each array averages over its own unknown. Arrays that share an unknown miss together more
+    # often than that (Chebyshev's inequality), so the result remains an upper bound.
     total, weight = [np.zeros((some.m, hearer.chances.size)) for hearer in hearers], some.weight
     best = math.inf
     for step in range(STEPS):

@@ -77,8 +77,8 @@ def curve(used: tuple[Law, ...], shapes: tuple[float, ...] = (), wander: float =
         b = _envelope(c, b)
     slope = _slopes(c, b)
     y = np.linspace(0, slope[0], len(c))
-    # The conjugate of a piecewise linear curve lies at the corner where the next piece is no steeper
-    # than y.
+    # The conjugate of a piecewise linear curve lies at the corner where the next piece is no
+    # steeper than y.
     pieces = np.diff(b) / STEP
     at = np.searchsorted(-pieces, -y, side="left")
     # Within a piece b lies above the chord, but below the lines that continue the neighbouring

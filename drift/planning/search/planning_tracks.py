@@ -19,14 +19,14 @@ class Tracks:
     time: Array  # float64 [s since 1970] (b + 1,)
     lon: Array  # int32 binary angle (b + 1, m)
     lat: Array
-    # bool (b + 1, m): the particle can be detected: it is adrift, under way, or at its last position
-    # if the search covers those
+    # bool (b + 1, m): the particle can be detected: it is adrift, under way, or at its last
+    # position if the search covers those
     adrift: Array
     weight: Array  # float64 (m,), with the sum 1
     scenario: Array  # int32 (m,)
     release: Array  # float64 [s since 1970] (m,)
-    # End of a particle's steering, when it goes adrift [s since 1970] (m,); -inf: it drifts all along,
-    # inf: it never does; None: no particle steers.
+    # End of a particle's steering, when it goes adrift [s since 1970] (m,); -inf: it drifts all
+    # along, inf: it never does; None: no particle steers.
     turn: Array | None = None
     # Mean velocity [m/s] east and north of the leg of a Brownian bridge, and its spread rate
     # [m/sqrt(s)], from each edge on, float32 (3, b + 1, m); NaN: not on a bridge, use the track;

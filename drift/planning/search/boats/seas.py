@@ -512,8 +512,7 @@ def pulled_taut(sea: Sea, way: Array) -> Array:
     way = _shortcut(sea, way)
     for _ in range(4):
         corners = _beside(sea, way)
-        # The way's own turns are included, so that a way is always found that is no longer than this
-        # one.
+        # The way's own turns are included, so that a way no longer than this one is always found.
         shorter = taut(sea, way[0], way[-1], np.concatenate([way[1:-1], corners]))
         if shorter is None or length(sea, shorter) > length(sea, way) - 1.0:
             return way if shorter is None else shorter
