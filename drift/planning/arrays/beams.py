@@ -246,7 +246,7 @@ def carried(field: Field, chosen: Chosen) -> Real:
         field: arrays and particles.
         chosen: the beams that are processed in each slot.
     """
-    whole = 0, len(field.swarm.time) - 1
+    all_bins = 0, len(field.swarm.time) - 1
     log = np.zeros(len(field.swarm.scenario))
     for number, (first, gain) in enumerate(zip(_firsts(field), field.gains, strict=True)):
         own = [
@@ -258,7 +258,7 @@ def carried(field: Field, chosen: Chosen) -> Real:
         gains = np.stack([gain[list(kind)].max(axis=0) for kind in kinds])
         by_slot = np.array([kinds.index(kind) if kind else -1 for kind in own], np.int32)
         rows = np.repeat(by_slot, np.diff(field.slots))[None]
-        log += _missed(field, number, Beams(gains, rows), whole)[0]
+        log += _missed(field, number, Beams(gains, rows), all_bins)[0]
     return -np.expm1(log)
 
 

@@ -317,7 +317,7 @@ def _neighbours(sea: Sea, some: Ways, scale: Array) -> tuple[Ways, Array]:
         moved.append(Ways(lon, lat, course, second, np.clip(turn, 0.02, 1.0)).take(which))
         origin.append(numbers[which])
 
-    every = numbers
+    all_ways = numbers
     for east, north in (
         (1, 0),
         (-1, 0),
@@ -329,12 +329,12 @@ def _neighbours(sea: Sea, some: Ways, scale: Array) -> tuple[Ways, Array]:
         (-0.7, -0.7),
     ):
         lon, lat = sphere.destination(some.lon, some.lat, east * step, north * step)
-        add(lon, lat, some.course, some.second, some.turn, every)
+        add(lon, lat, some.course, some.second, some.turn, all_ways)
     bent = np.flatnonzero(some.turn < 1)
     for sign in (-1, 1):
         course, second = some.course + sign * turned, some.second + sign * turned
         # turn the whole way about its start
-        add(some.lon, some.lat, course, second, some.turn, every)
+        add(some.lon, some.lat, course, second, some.turn, all_ways)
         if bent.size:
             add(some.lon, some.lat, course, some.second, some.turn, bent)
             add(some.lon, some.lat, some.course, second, some.turn, bent)
@@ -362,12 +362,12 @@ def _neighbours(sea: Sea, some: Ways, scale: Array) -> tuple[Ways, Array]:
 
 
 def _value(
-    every: Sequence[Sequence[Hearer]], chosen: Sequence[Ways | None], level: Tracks
+    hearers_by_stage: Sequence[Sequence[Hearer]], chosen: Sequence[Ways | None], level: Tracks
 ) -> float:
     """Return the probability that any of the placed arrays hears the target."""
     some = [
         (own[-1], heard.missed(own[-1], way, FINE)[0])
-        for own, way in zip(every, chosen, strict=True)
+        for own, way in zip(hearers_by_stage, chosen, strict=True)
         if way is not None
     ]
     return float((1 - together(*zip(*some, strict=True))) @ level.weight)
@@ -375,23 +375,23 @@ def _value(
 
 def _placement(
     seas: Sequence[Sea],
-    every: Sequence[Sequence[Hearer]],
+    hearers_by_stage: Sequence[Sequence[Hearer]],
     chosen: Sequence[Ways],
     pools: Sequence[Sequence[Ways]],
     level: Tracks,
 ) -> Placement:
     """Return the placement with the value of each ship and of the alternatives."""
-    last = [hearers[-1] for hearers in every]
+    last = [hearers[-1] for hearers in hearers_by_stage]
     own = [heard.missed(hearer, way, FINE)[0] for hearer, way in zip(last, chosen, strict=True)]
-    whole = together(last, own)
-    value = float((1 - whole) @ level.weight)
-    error = math.sqrt(max(float(((1 - whole - value) ** 2) @ level.weight**2), 0.0))
+    all_miss = together(last, own)
+    value = float((1 - all_miss) @ level.weight)
+    error = math.sqrt(max(float(((1 - all_miss - value) ** 2) @ level.weight**2), 0.0))
     placed = []
     others: list[tuple[str, float]] = []
     for k, (sea, way) in enumerate(zip(seas, chosen, strict=True)):
         rest = besides(last, own, k)
         alone = float((1 - own[k] @ last[k].chances) @ level.weight)
-        placed.append(Placed(sea, way, alone, float((rest.sum(axis=1) - whole) @ level.weight)))
+        placed.append(Placed(sea, way, alone, float((rest.sum(axis=1) - all_miss) @ level.weight)))
         instead = (
             [(f"{sea.tow.name} on its next best way", pools[k][1])] if len(pools[k]) > 1 else []
         )

@@ -167,13 +167,15 @@ def _with_planned_sorties(case: Case, sorties: Sequence[Sortie]) -> Case:
 
     The run ends with the plan.
     """
-    every = tuple(sorted((*case.sorties, *sorties), key=lambda sortie: (sortie.start, sortie.end)))
+    all_sorties = tuple(
+        sorted((*case.sorties, *sorties), key=lambda sortie: (sortie.start, sortie.end))
+    )
     shown = [case.start, case.plan.begin, case.plan.until]
     for sortie in sorties:
         shown += [sortie.start, sortie.start + (sortie.end - sortie.start) // 2, sortie.end]
     return replace(
         case,
-        sorties=every,
+        sorties=all_sorties,
         outputs=np.unique(np.array(shown, "datetime64[s]")),
         end=case.plan.until,
     )

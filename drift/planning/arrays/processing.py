@@ -103,11 +103,11 @@ def sampled(hearing: Hearing) -> Hearing:
     many = len(hearing.weight)
     if many < 2 * SAMPLE:
         return hearing
-    every = np.arange(many // (2 * (many // SAMPLE)), many, many // SAMPLE)
-    weight = hearing.weight[every]
+    indices = np.arange(many // (2 * (many // SAMPLE)), many, many // SAMPLE)
+    weight = hearing.weight[indices]
     if weight.sum() == 0:
         return hearing
-    chance = tuple(table[:, every] for table in hearing.chance)
+    chance = tuple(table[:, indices] for table in hearing.chance)
     return replace(hearing, chance=chance, weight=weight * (hearing.weight.sum() / weight.sum()))
 
 

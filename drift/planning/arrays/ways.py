@@ -176,13 +176,13 @@ def ships_at(sea: Sea, ways: Ways, time: Array) -> tuple[Array, Array]:
         Longitude and latitude [rad], each of shape (c, e).
     """
     begin, end = span(sea, ways)
-    whole = np.maximum(end - begin, 0.0) * sea.tow.speed
+    way_length = np.maximum(end - begin, 0.0) * sea.tow.speed
     gone = (
         np.clip(time - begin[:, None], 0.0, np.maximum(end - begin, 0.0)[:, None]) * sea.tow.speed
     )
-    first = np.minimum(gone, (ways.turn * whole)[:, None])
+    first = np.minimum(gone, (ways.turn * way_length)[:, None])
     lon, lat = _advance(ways.lon[:, None], ways.lat[:, None], ways.course[:, None], first)
-    corner = _advance(ways.lon, ways.lat, ways.course, ways.turn * whole)
+    corner = _advance(ways.lon, ways.lat, ways.course, ways.turn * way_length)
     after = _advance(corner[0][:, None], corner[1][:, None], ways.second[:, None], gone - first)
     beyond = gone > first
     return np.where(beyond, after[0], lon), np.where(beyond, after[1], lat)

@@ -46,7 +46,7 @@ class Walkable:
 
 
 def of_teams(
-    teams: Sequence[Team], segments: Segments, land_in: LandIn, whole: Callable[[], Array]
+    teams: Sequence[Team], segments: Segments, land_in: LandIn, read_whole_land: Callable[[], Array]
 ) -> Walkable:
     """Return the reachable stretches of all teams.
 
@@ -54,7 +54,7 @@ def of_teams(
         teams: of the spill.
         segments: the stretches of coast.
         land_in: returns the land polygons [deg] of a box.
-        whole: returns the land polygons of the whole coast data set; called only if needed.
+        read_whole_land: returns the land polygons of the whole coast data set; called only if needed.
 
     Raises:
         UserError: a base has no land within its reach, or a named stretch lies on several land
@@ -64,7 +64,7 @@ def of_teams(
     assert segments.mass is not None
     mass = segments.mass
     if any(team.base is None and not team.crosses_water for team in teams):
-        joined = land_masses.of_whole(segments.land, whole)
+        joined = land_masses.of_whole(segments.land, read_whole_land)
         number = np.full(segments.land.mass.max(initial=0) + 1, SEVERAL)
         number[segments.land.mass] = joined.mass
         mass = np.where(mass == SEVERAL, SEVERAL, number[mass])

@@ -273,12 +273,12 @@ def legs_of(crew: Crew, row: Array, flown: Sweeps, k: int) -> Legs:
     )
 
 
-def cut_at_coast(crew: Crew, whole: Sequence[Laid]) -> list[Sailed | None]:
+def cut_at_coast(crew: Crew, rectangles: Sequence[Laid]) -> list[Sailed | None]:
     """Return a boat's legs of several rectangles cut at the coast; None: no leg is left."""
     assert crew.course is not None
     legs = [
         (np.array(rectangle.pattern.legs.lon), np.array(rectangle.pattern.legs.lat))
-        for rectangle in whole
+        for rectangle in rectangles
     ]
     return courses.sail(crew.course, legs, crew.unit.search_speed, crew.unit.transit_speed)
 
@@ -366,8 +366,8 @@ def path(crew: Crew, row: Array, flown: Sweeps, k: int) -> Array:
         float(flown.start[k]),
     )
     if not manner.plain:
-        whole = math.ceil(crew.zero + start) - crew.zero
-        return manners.ground(x, y, manner, whole, float(flown.duration[k]), speed)
+        begin = math.ceil(crew.zero + start) - crew.zero
+        return manners.ground(x, y, manner, begin, float(flown.duration[k]), speed)
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(along), np.diff(across)))])
     return np.column_stack([start + way / speed, x, y, np.ones(2 * legs)])
 

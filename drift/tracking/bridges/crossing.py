@@ -200,14 +200,14 @@ def percentile(crossing: Crossing, share: float) -> float:
     """
     if not 0 < share < 1:
         raise ValueError(f"percentile {100 * share:g} must lie between 0 and 100")
-    whole = at_all(crossing).value
+    total = at_all(crossing).value
     begin, end = float(crossing.time[0]), float(crossing.time[-1])
-    if whole <= 0:
+    if total <= 0:
         return float("nan")
-    if by(crossing, begin).value >= share * whole:
+    if by(crossing, begin).value >= share * total:
         return begin
     return float(
         optimize.brentq(
-            lambda time: by(crossing, time).value - share * whole, begin, end, xtol=1e-3, rtol=1e-15
+            lambda time: by(crossing, time).value - share * total, begin, end, xtol=1e-3, rtol=1e-15
         )
     )

@@ -272,9 +272,9 @@ def _names(frame: Frame, asked: Answers) -> list[labels.Point]:
     points: list[labels.Point] = [
         (a, b, name, bold) for a, b, name in zip(x, y, asked.study.names, strict=True)
     ]
-    every = int(np.ceil(place.time.size / WORDS))
+    step = int(np.ceil(place.time.size / WORDS))
     x, y = frame.project(np.degrees(place.lon), np.degrees(place.lat))
-    for k in range(0, place.time.size, every):
+    for k in range(0, place.time.size, step):
         words = f"+{(place.time[k] - bridge.time[0]) / 3600:.3g} h"
         points.append((float(x[k]), float(y[k]), words, {"fontsize": 8, "color": BLUE}))
     return points

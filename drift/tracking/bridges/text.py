@@ -160,5 +160,5 @@ def fitted(fit: Fit) -> Facts:
 
 def toml(fit: Fit) -> str:
     """Return the fitted spread rate as a line for a case."""
-    every = f", {fit.hours:.2g} h from fix to fix" if fit.method == "neighbours" else ""
-    return f'k = "{spread_rate(fit.spread_rate)}"  # ± {fit.spread_error / UNIT:.2g}, fitted to {counted(fit.tracks, "track")}{every}'
+    interval = f", {fit.hours:.2g} h from fix to fix" if fit.method == "neighbours" else ""
+    return f'k = "{spread_rate(fit.spread_rate)}"  # ± {fit.spread_error / UNIT:.2g}, fitted to {counted(fit.tracks, "track")}{interval}'

@@ -90,12 +90,12 @@ def _of_one(one: Steps, spread_rate: float, error: float, *, steady: bool) -> fl
     )
     square = (one.moved * solved[:, :2]).sum()
     log_determinant = 2 * np.log(factor[0]).sum()
-    whole = -0.5 * square - log_determinant - size * np.log(2 * np.pi)
+    total = -0.5 * square - log_determinant - size * np.log(2 * np.pi)
     if steady:
         information = one.time @ solved[:, 2]
-        whole += (
+        total += (
             0.5 * ((one.time @ solved[:, :2]) ** 2).sum() / information
             - np.log(information)
             + np.log(2 * np.pi)
         )
-    return float(whole)
+    return float(total)

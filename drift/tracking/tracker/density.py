@@ -191,14 +191,14 @@ def _edges(values: Array, width: float) -> Array:
 
 def _probability_in_cells(grid: Grid, own: Array, width: Array, weight: Array) -> Array:
     """Return the probability in cells (ny, nx) of windows about points (2, n) [m]."""
-    held = np.zeros((len(grid.y) - 1, len(grid.x) - 1))
+    total = np.zeros((len(grid.y) - 1, len(grid.x) - 1))
     for some in np.array_split(np.arange(len(weight)), -(-len(weight) // AT_ONCE)):
         x, y = (
             np.diff(special.ndtr((edges[:, None] - own[k, some]) / width[k]), axis=0)
             for k, edges in enumerate((grid.x, grid.y))
         )
-        held += (y * weight[some]) @ x.T
-    return held
+        total += (y * weight[some]) @ x.T
+    return total
 
 
 def _distinct(points: Array, weight: Array) -> tuple[Array, Array]:
@@ -227,12 +227,12 @@ def areas(found: Surface, shares: Sequence[float]) -> dict[float, Region]:
     """
     lattice = _lattice(found.grid)
     order = np.argsort(-found.at_particles, kind="stable")
-    held = np.cumsum(found.weight[order])
-    told = {}
+    cumulative = np.cumsum(found.weight[order])
+    regions = {}
     for share in shares:
-        least = found.at_particles[order[np.searchsorted(held, share)]]
-        told[share] = Region(*outlines.contour(lattice, found.field, float(np.log(least))))
-    return told
+        least = found.at_particles[order[np.searchsorted(cumulative, share)]]
+        regions[share] = Region(*outlines.contour(lattice, found.field, float(np.log(least))))
+    return regions
 
 
 def holds(found: Region, place: Array) -> Array:

@@ -40,9 +40,9 @@ def swept(
     """
     parts = []
     for number, sensor in enumerate(sensors):
-        mine = found.sensor == number
+        own = found.sensor == number
         parts.append(
-            _detected(sensor, found.time[mine], found.bearing[mine], found.range[mine], tracker)
+            _detected(sensor, found.time[own], found.bearing[own], found.range[own], tracker)
         )
     silent = zip(sensors, silences(sensors, found, tracker, end), strict=True)
     return parts + [_silent(sensor, times, tracker) for sensor, times in silent if not sensor.hears]

@@ -89,8 +89,8 @@ def _figures(
     """Return means over the window, the share of it with a track, and the time to criteria."""
     inside = (moments >= asked.window[0]) & (moments <= asked.window[1])
     figures = [of_times(curve.name, curve.unit, curve.values[..., inside]) for curve in curves]
-    held = np.isfinite(curves[0].values[..., inside])
-    figures.insert(3, Figure(study.HELD, "%", 100 * held.mean(axis=-1)))
+    finite = np.isfinite(curves[0].values[..., inside])
+    figures.insert(3, Figure(study.HELD, "%", 100 * finite.mean(axis=-1)))
     if asked.criteria is not None:
         near = (errors.position < asked.criteria.position) & (errors.course < asked.criteria.course)
         near &= errors.speed < asked.criteria.speed

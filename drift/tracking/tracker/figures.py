@@ -95,11 +95,11 @@ class Curve:
 
     def mean(self) -> tuple[Array, Array]:
         """Return mean and standard error over runs with a value, (ways of following, times)."""
-        held = np.isfinite(self.values)
-        many = held.sum(axis=1)
+        finite = np.isfinite(self.values)
+        many = finite.sum(axis=1)
         safe = np.maximum(many, 1)
-        mean = np.where(many > 0, np.where(held, self.values, 0.0).sum(axis=1) / safe, np.nan)
-        spread = np.where(held, (self.values - mean[:, None]) ** 2, 0.0).sum(axis=1) / np.maximum(
+        mean = np.where(many > 0, np.where(finite, self.values, 0.0).sum(axis=1) / safe, np.nan)
+        spread = np.where(finite, (self.values - mean[:, None]) ** 2, 0.0).sum(axis=1) / np.maximum(
             many - 1, 1
         )
         return mean, np.where(many > 1, np.sqrt(spread / safe), np.nan)

@@ -133,7 +133,7 @@ class Clouds:
             np.tile(ends[which], len(trackers)),
             np.tile(ends[which + 1], len(trackers)),
         )
-        whole = {
+        integers = {
             "run": np.tile(run + np.arange(n), len(trackers)),
             "rules": np.repeat(np.arange(len(trackers)), n),
             "first": self._begin,
@@ -144,30 +144,34 @@ class Clouds:
             "count": np.zeros(many),
             "drawn": np.zeros(many),
         }
-        real = {
+        floats = {
             "estimate": np.full((many, 5), -1.0),
             "lost": np.full(many, np.nan),
             "left": np.tile([-1.0, 0.0, -follower.NEVER], (many, 1)),
         }
         self._tracks = {
-            "track_real": tables.upload(_table(clouds.Track, clouds.Track.REAL, real, np.float64)),
-            "track_whole": tables.upload(_table(clouds.Track, clouds.Track.WHOLE, whole, np.int32)),
+            "track_real": tables.upload(
+                _table(clouds.Track, clouds.Track.REAL, floats, np.float64)
+            ),
+            "track_whole": tables.upload(
+                _table(clouds.Track, clouds.Track.WHOLE, integers, np.int32)
+            ),
         }
         self._cloud = {
             "own_real": tables.empty(many * size, Own.REAL, np.float64),
             "own_whole": tables.empty(many * size, Own.WHOLE, np.int32),
         }
         swept = vars(self._sweeps)
-        told = {name: swept[name] for name in ("outcome", "row")}
-        seen = {name: column for name, column in swept.items() if name not in told}
+        outcomes = {name: swept[name] for name in ("outcome", "row")}
+        measurements = {name: column for name, column in swept.items() if name not in outcomes}
         self._fixed = (
             {"rule_real": tables.upload(rules(trackers))},
             {
                 "sweep_real": tables.upload(
-                    _table(clouds.Sweep, clouds.Sweep.REAL, seen, np.float64)
+                    _table(clouds.Sweep, clouds.Sweep.REAL, measurements, np.float64)
                 ),
                 "sweep_whole": tables.upload(
-                    _table(clouds.Sweep, clouds.Sweep.WHOLE, told, np.int32)
+                    _table(clouds.Sweep, clouds.Sweep.WHOLE, outcomes, np.int32)
                 ),
             },
             {"leg_real": tables.upload(legs([world.tracker for world in distinct.values()]))},

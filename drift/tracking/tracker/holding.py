@@ -125,16 +125,16 @@ def hold(
     sweeps = detections.ordered(asked.sensors, found, asked.tracker, moments, until)
     worlds = [World(asked.tracker, sweeps)] * (1 + OTHERS)
     coast, dry = (None, None) if shore is None else (shore.device, shore.dry)
-    held = Clouds(worlds, asked.methods[:1], asked.size, asked.seed, shore=coast)
+    filters = Clouds(worlds, asked.methods[:1], asked.size, asked.seed, shore=coast)
     areas, clouds, spreads = [], [], []
     for number, time in enumerate(moments, 1):
-        own, *others = held.go(time).clouds(time)
+        own, *others = filters.go(time).clouds(time)
         areas.append(_areas(own, dry))
         spreads.append(_spread(own))
         if time in shown:
             clouds.append(_shown(float(time), own, areas[-1], others, dry))
         tell(number / len(moments))
-    fields = held.go().fields[0, 0]
+    fields = filters.go().fields[0, 0]
     off, slower = np.array(spreads).T
     left = np.where(fields[:, 10] < 0, np.nan, fields[:, 10])
     return Held(
@@ -246,8 +246,8 @@ def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecas
                 np.vstack([tracker.place[known], way.place]),
             )
         sweeps = detections.ordered(asked.sensors, found, tracker, chase.times, chase.begin + SOON)
-        held = Clouds([World(tracker, sweeps)], asked.methods[:1], asked.size, seed, shore=shore)
-        clouds = [held.go(time).particles(0, 0, time) for time in chase.times]
+        filters = Clouds([World(tracker, sweeps)], asked.methods[:1], asked.size, seed, shore=shore)
+        clouds = [filters.go(time).particles(0, 0, time) for time in chase.times]
         return np.stack([cloud.place for cloud in clouds]), clouds[0].weight
 
     return forecast

@@ -227,8 +227,8 @@ def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -
     places, weight = forecast(path.standing(*asked.start, asked.begin, asked.times[-1]))
     if not weight.sum() > 0:
         raise ValueError("no track is held when it begins")
-    whole = weight / weight.sum()
-    left, trigger = whole, Trigger(asked.threshold)
+    initial = weight / weight.sum()
+    left, trigger = initial, Trigger(asked.threshold)
     plan, plans = [here], []
     met: list[float] = []
     for step in range(asked.steps + 1):
@@ -247,7 +247,10 @@ def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -
         axis=0
     )
     return Pursued(
-        _path(asked, chart, plan[: len(met)]), np.array(met), tuple(plans), float(whole[near].sum())
+        _path(asked, chart, plan[: len(met)]),
+        np.array(met),
+        tuple(plans),
+        float(initial[near].sum()),
     )
 
 

@@ -77,11 +77,11 @@ def figures(areas: Sequence[float], criteria: bool) -> list[str]:
         areas: shares of the probability whose areas are evaluated.
         criteria: whether the time to criteria is a figure.
     """
-    held = [in_area(share) for share in areas]
+    area_names = [in_area(share) for share in areas]
     return [
         *(f"{what} error" for what in ("position", "course", "speed")),
         HELD,
-        *held,
+        *area_names,
         *([MET] if criteria else []),
     ]
 

@@ -53,9 +53,9 @@ def ordered(parts: Sequence[Sweeps], every_detection: bool = False) -> Sweeps:
         every_detection: whether estimates are also recorded at each detection.
     """
     number = np.concatenate([np.full(len(part), k) for k, part in enumerate(parts)])
-    whole = join_sweeps(parts)
-    order = np.lexsort((number, whole.outcome == MARK, whole.time))
-    columns = {field.name: getattr(whole, field.name)[order] for field in fields(Sweeps)}
+    joined = join_sweeps(parts)
+    order = np.lexsort((number, joined.outcome == MARK, joined.time))
+    columns = {field.name: getattr(joined, field.name)[order] for field in fields(Sweeps)}
     recorded = (columns["outcome"] == MARK) | (every_detection & (columns["outcome"] == DETECTED))
     columns["row"] = np.where(recorded, np.cumsum(recorded) - 1, -1).astype(np.int32)
     return Sweeps(**columns)

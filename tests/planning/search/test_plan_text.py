@@ -89,10 +89,10 @@ def test_the_worth_and_the_bound_stand_at_the_head():
     assert "POS 0.46; estimated bound 0.53" in text
     told = " ".join(text.split())
     assert (
-        "no plan of these units, detection functions and times is expected to find more than 0.528 of the particles"
+        "no plan of these units, detection functions and times is expected to find more than 0.528 of the planning particles"
         in told
     )
-    assert "It finds 0.471 of those: 89 %" in told
+    assert "This one finds 0.471 of them: 89 %" in told
     assert "two standard errors of sampling are 0.008" in told
     assert "27-30.0N 088-15.0W at 222330ZNOV26" in text
     assert "0.52  position report" in text

@@ -80,13 +80,13 @@ def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
     known = [str(v) for v in data.data_vars if set(data[v].dims) == set(dims)]
     name = source.variable or (known[0] if len(known) == 1 else "")
     if name not in known:
-        said = (
+        problem = (
             f'no variable "{source.variable}"'
             if source.variable
             else f"{len(known)} variables, and no `variable` given"
         )
         raise UserError(
-            f'[depth]: "{source.file}": {said}; those on its latitude and longitude: {", ".join(known) or "none"}'
+            f'[depth]: "{source.file}": {problem}; those on its latitude and longitude: {", ".join(known) or "none"}'
         )
     lon, lat = (np.asarray(data[axes[k]].values, np.float64) for k in ("lon", "lat"))
     return lon, lat, data[name].transpose(*dims)

@@ -155,8 +155,8 @@ def build_sea(
     if shoals is not None and len(shoals):
         grown_parts.append(_grown(shore.clip(shoals, box), plane, ROUNDING, 0.0))
     frame = shapely.box(*(low - 2 * SKIN), *(high + 2 * SKIN))
-    whole = shapely.intersection(shapely.union_all(np.concatenate(grown_parts)), frame)
-    barrier = _polygons(whole)
+    blocked = shapely.intersection(shapely.union_all(np.concatenate(grown_parts)), frame)
+    barrier = _polygons(blocked)
     if not barrier.size:
         return None
     skin = _polygons(

@@ -84,8 +84,8 @@ def area(
     )
     at_sea = float(sea(*np.radians(places)[:, None])[0])
     track = float(sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])[sailed.searching].sum())
-    whole = (many * (high - low) - spacing) * at_sea
-    share = float(min(track / whole, 1.0)) if whole > 0 else 1.0
+    full_track = (many * (high - low) - spacing) * at_sea
+    share = float(min(track / full_track, 1.0)) if full_track > 0 else 1.0
     size = float(high - low), many * spacing
     return Swept(
         (float(x[0]), float(y[0])), *size, laid.turn + turned, len(np.unique(number)), first, share

@@ -300,5 +300,5 @@ def navigators_position(lon: float, lat: float) -> str:
 
 def _minutes(angle: float, digits: int) -> str:
     """Return an angle in degrees and minutes."""
-    whole = round(abs(angle) * 600_000)  # [1e-4 arc minutes]
-    return f"{whole // 600_000:0{digits}d} {whole % 600_000 / 10_000:07.4f}"
+    tenthousandths = round(abs(angle) * 600_000)  # [1e-4 arc minutes]
+    return f"{tenthousandths // 600_000:0{digits}d} {tenthousandths % 600_000 / 10_000:07.4f}"

@@ -192,8 +192,8 @@ def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high:
     times, aspect = [now.data["time"].values[0]], MAP[2] * SHEET.width / (high * SHEET.height)
     frame = layers.extent(now, times, marks, lines, aspect)
     bases = [Mark(*place) for t in plan.taskings for place in (t.unit.base, t.unit.return_to)]
-    whole = layers.extent(now, times, [*marks, *bases], lines, aspect)
-    return whole if layers.little(frame, whole) else frame
+    frame_with_bases = layers.extent(now, times, [*marks, *bases], lines, aspect)
+    return frame_with_bases if layers.little(frame, frame_with_bases) else frame
 
 
 def ring(tasking: Tasking) -> Array:
@@ -261,12 +261,12 @@ def _plan(
         x, y = frame.project(*place)
         if frame.x[0] < x < frame.x[1] and frame.y[0] < y < frame.y[1]:
             ax.plot(x, y, markersize=8, markeredgewidth=1.0, zorder=12, **BASE)
-            who = [unit.name for unit in units if place in (unit.base, unit.return_to)]
+            names_at_base = [unit.name for unit in units if place in (unit.base, unit.return_to)]
             texts.append(
                 (
                     float(x),
                     float(y),
-                    _units_at_base(list(dict.fromkeys(who))),
+                    _units_at_base(list(dict.fromkeys(names_at_base))),
                     {"fontsize": 8, "color": INK},
                 )
             )

@@ -313,8 +313,8 @@ def _place(point: Waypoint) -> str:
 
 def _minutes(angle: float, digits: int) -> str:
     """Return an angle in degrees and minutes."""
-    whole = round(abs(angle) * 60_000)
-    return f"{whole // 60_000:0{digits}d} {whole % 60_000 / 1000:06.3f}"
+    thousandths = round(abs(angle) * 60_000)
+    return f"{thousandths // 60_000:0{digits}d} {thousandths % 60_000 / 1000:06.3f}"
 
 
 def _by(lon: float, other: float) -> float:
