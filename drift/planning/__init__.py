@@ -1,1 +1,1 @@
-"""The next search: by units, by patrols along a coast, by towed arrays."""
+"""Search plans: for search units, for patrols along a coast, and for towed arrays."""

@@ -1,1 +1,1 @@
-"""Clouds that follow one target, Brownian bridges, and tracks of real drifters."""
+"""Tracking of one moving target: particle filters, Brownian bridges and real tracks."""

@@ -1,1 +1,1 @@
-"""Towed and fixed arrays: what to process of what they hear."""
+"""Planning of sonar arrays: where ships tow them, and which beams to process."""

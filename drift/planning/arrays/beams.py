@@ -1,13 +1,12 @@
-"""What each beam of a plan's arrays would hear of particles in each slot: the chances that an
-allocation is made of.
+"""Detection probabilities of single beams: input of the beam allocation.
 
-Arrays stand or are towed; particles are those on which plans are made
-(drift.planning.search.follow). A chance is that of the search's own mathematics
-(kernels.planning.beams) over one slot, in which a beam begins as if it had never listened.
+For each slot, `chances` gives the probability that each beam of each array hears each planning
+particle (drift.planning.search.follow). Arrays are fixed or towed. The detection model is that of
+the search (kernels.planning.beams); each slot starts as if the beam had never listened before.
 
-What a group of sensors has in common and nobody knows (its `unknown`) is drawn for each particle,
-once for all slots and sensors of the group: given its value beams miss a particle independently,
-and the mean over particles is that over the unknown too.
+The sensors of a group share an unknown bias (`unknown`). One value is drawn for each particle and
+used for all slots and sensors of the group. Given that value, beams miss a particle independently,
+and the mean over particles also averages over the unknown.
 """
 
 import math
@@ -30,61 +29,69 @@ from kernels.planning import beams as kernel
 from kernels.planning.beams import Beams, Course
 from kernels.planning.stations import Swarm, Tables
 
-PART = 1500.0  # [m] longest part of a relative way in which excess is taken once
-LEAST = 1e-6  # chances below it count as none
+PART = 1500.0  # [m] longest part of the relative track with one value of signal excess
+LEAST = 1e-6  # lower probabilities are set to 0
 
 Tell = Callable[[float], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Arrays and the particles among which they listen, at edges of bins of which each lies in one
-    slot.
+    """Arrays and the particles that they may hear.
+
+    Bins of time are short enough that each one lies inside one slot.
     """
 
     listeners: tuple[Listener, ...]
     tracks: Tracks
     swarm: Swarm
-    slots: Array  # number of each slot's first bin and, last, of all bins (slots + 1,)
+    slots: Array  # index of each slot's first bin, then the number of bins (slots + 1,)
     tables: tuple[Tables, ...]  # of each listener
     courses: tuple[Course, ...]
-    gains: tuple[Real, ...]  # [dB] (beams, sides) of each listener, less threshold
-    offsets: tuple[Real, ...]  # [dB] of each listener's excess (m,)
+    gains: tuple[Real, ...]  # [dB] gain less threshold (beams, sides), of each listener
+    offsets: tuple[Real, ...]  # [dB] unknown part of each listener's signal excess (m,)
 
     @property
     def array(self) -> Array:
-        """The number of each beam's array (beams,)."""
+        """The index of each beam's array, shape (beams,)."""
         return np.repeat(np.arange(len(self.gains)), [len(gain) for gain in self.gains])
 
 
 def field(listeners: Sequence[Listener], tracks: Tracks, edges: Array, seed: int) -> Field:
-    """Return arrays among particles; edges: of slots, datetime64 (slots + 1,), within the time of
-    the tracks.
+    """Return arrays and particles, prepared for `chances` and `carried`.
+
+    Args:
+        listeners: fixed and towed arrays with their sensors.
+        tracks: planning particles; their weights sum to 1.
+        edges: slot edges, datetime64, shape (slots + 1,), within the time of the tracks.
+        seed: of the draws of each group's unknown.
     """
     slots = notation.epochs(edges).astype(float)
     inner = [np.array(one.legs.time) for one in listeners if one.legs is not None]
     time = np.unique(np.concatenate([tracks.time, slots, *inner]))
-    cut = at_edges(tracks, time[(time >= slots[0]) & (time <= slots[-1])])
-    turned = [np.ascontiguousarray(x.T) for x in (cut.lon, cut.lat, cut.adrift)]
+    resampled = at_edges(tracks, time[(time >= slots[0]) & (time <= slots[-1])])
+    by_particle = [
+        np.ascontiguousarray(x.T) for x in (resampled.lon, resampled.lat, resampled.adrift)
+    ]
     swarm = Swarm(
-        (cut.time - cut.time[0]).astype(np.float32),
-        turned[0],
-        turned[1],
-        turned[2].astype(np.uint8),
-        cut.scenario,
+        (resampled.time - resampled.time[0]).astype(np.float32),
+        by_particle[0],
+        by_particle[1],
+        by_particle[2].astype(np.uint8),
+        resampled.scenario,
     )
-    drawn = _unknowns(listeners, cut.m, seed)
+    drawn = _unknowns(listeners, resampled.m, seed)
     tables, courses, gains = [], [], []
     for one in listeners:
         sonar = _sonar(one)
-        tables.append(heard.tables(sonar, cut.time, np.zeros(1)))
-        courses.append(course(one, cut.time))
+        tables.append(heard.tables(sonar, resampled.time, np.zeros(1)))
+        courses.append(course(one, resampled.time))
         gains.append(_gains(sonar))
     return Field(
         tuple(listeners),
-        cut,
+        resampled,
         swarm,
-        np.searchsorted(cut.time, slots),
+        np.searchsorted(resampled.time, slots),
         tuple(tables),
         tuple(courses),
         tuple(gains),
@@ -93,58 +100,69 @@ def field(listeners: Sequence[Listener], tracks: Tracks, edges: Array, seed: int
 
 
 def at_edges(tracks: Tracks, time: Array) -> Tracks:
-    """Return the same tracks at times [s since 1970] within theirs, straight in between; velocities
-    are left out.
+    """Return tracks interpolated linearly to other times; velocities are dropped.
+
+    Args:
+        tracks: particle tracks.
+        time: [s since 1970], shape (e,), within the time of the tracks.
     """
     k = np.clip(np.searchsorted(tracks.time, time, side="right") - 1, 0, tracks.bins - 1)
     share = ((time - tracks.time[k]) / (tracks.time[k + 1] - tracks.time[k]))[:, None]
     lon, lat = (
         (v[k] + np.round(share * (v[k + 1] - v[k]).astype(np.float64)).astype(np.int64)).astype(
             np.int32
-        )  # wraps as it should
+        )  # overflow wraps at the date line, as intended
         for v in (tracks.lon, tracks.lat)
     )
-    # Inside a bin it can be heard where it can be at both of its ends.
-    there = np.where(
+    # Inside a bin a particle is afloat only if it is at both ends of the bin.
+    adrift = np.where(
         share <= 0,
         tracks.adrift[k],
         np.where(share >= 1, tracks.adrift[k + 1], tracks.adrift[k] & tracks.adrift[k + 1]),
     )
-    return replace(tracks, time=time, lon=lon, lat=lat, adrift=there, flow=None)
+    return replace(tracks, time=time, lon=lon, lat=lat, adrift=adrift, flow=None)
 
 
 def _sonar(listener: Listener) -> Sonar:
+    """Return the sonar of an array."""
     sees = listener.sensor.sees
     assert isinstance(sees, Sonar)
     return sees
 
 
 def _gains(sonar: Sonar) -> Real:
-    """Return the gains of all beams [dB] by relative bearing, evenly round from ahead, less the
-    threshold (beams, sides).
+    """Return beam gains less the detection threshold [dB], shape (beams, sides).
+
+    Sides are relative bearings at equal steps, the first one ahead.
     """
     sides = hearing.even(sonar.gain.bearing, hearing.MOST_SIDES)
-    at = np.arange(sides) * hearing.TURN / sides
-    every = [
-        hearing.round_circle(at, sonar.gain.bearing, Receiver(sonar, (k,)).gain)
+    bearing = np.arange(sides) * hearing.TURN / sides
+    gains = [
+        hearing.round_circle(bearing, sonar.gain.bearing, Receiver(sonar, (k,)).gain)
         for k in range(len(sonar.gain.beams))
     ]
-    return (np.stack(every) - sonar.threshold).astype(np.float32)
+    return (np.stack(gains) - sonar.threshold).astype(np.float32)
 
 
 def _unknowns(listeners: Sequence[Listener], m: int, seed: int) -> dict[str, Real]:
-    """Return of each group standard normal numbers, one a particle: every m-th part of the
-    distribution has one.
+    """Return standard normal numbers for each group, one per particle.
+
+    The sample is stratified: each of the m equally probable intervals holds one number.
     """
-    found = {}
+    unknowns = {}
     for number, group in enumerate(dict.fromkeys(one.sensor.group for one in listeners)):
         order = np.random.default_rng((seed, number)).permutation(m)
-        found[group] = np.asarray(special.ndtri((order + 0.5) / m), float)
-    return found
+        unknowns[group] = np.asarray(special.ndtri((order + 0.5) / m), float)
+    return unknowns
 
 
 def course(listener: Listener, time: Array) -> Course:
-    """Return where an array is at times [s since 1970] (e,), and when it listens."""
+    """Return an array's position and heading, and the bins in which it listens.
+
+    Args:
+        listener: a fixed or towed array.
+        time: bin edges [s since 1970], shape (e,).
+    """
     sonar, sensor, legs = _sonar(listener), listener.sensor, listener.legs
     if legs is None:
         assert sensor.place is not None
@@ -159,8 +177,10 @@ def course(listener: Listener, time: Array) -> Course:
 
 
 def _towed(legs: Legs, time: Array) -> tuple[Array, Array, Array, Array]:
-    """Return lon, lat [rad] at times (e,), and of each bin the course [rad] and whether it listens;
-    bins end at vertices.
+    """Return the course of a towed array by bin; its vertices must be bin edges.
+
+    Longitude and latitude [rad] have the shape (e,); heading [rad] and whether the array listens
+    have the shape (e - 1,).
     """
     first, last = legs.time[0], legs.time[-1]
     places = np.radians([polyline.position_at(legs, float(np.clip(t, first, last))) for t in time])
@@ -172,7 +192,15 @@ def _towed(legs: Legs, time: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def chances(field: Field, tell: Tell = lambda share: None) -> list[sparse.csc_array]:
-    """Return of each slot the chance that each beam hears each particle, (particles, beams)."""
+    """Return the probability that each beam hears each particle, for each slot.
+
+    Args:
+        field: arrays and particles.
+        tell: callback that receives the progress, 0 to 1.
+
+    Returns:
+        One sparse table for each slot, shape (particles, beams); probabilities below `LEAST` are 0.
+    """
     made, slots = [], len(field.slots) - 1
     bins = len(field.swarm.time) - 1
     rows = [
@@ -193,6 +221,7 @@ def chances(field: Field, tell: Tell = lambda share: None) -> list[sparse.csc_ar
 
 
 def _missed(field: Field, number: int, beams: Beams, span: tuple[int, int]) -> Real:
+    """Return the log probability that one array's beams miss each particle, (rows, m)."""
     return np.asarray(
         kernel.missed(
             field.swarm,
@@ -207,14 +236,17 @@ def _missed(field: Field, number: int, beams: Beams, span: tuple[int, int]) -> R
 
 
 def carried(field: Field, chosen: Chosen) -> Real:
-    """Return the chance that each particle is heard at least once by the beams chosen of each slot,
-    (m,).
+    """Return the probability that each particle is heard at least once, shape (m,).
 
-    Here an array's fluctuation is carried from slot to slot, and is the same for all of its beams,
-    of which the best is listened to: that is how a watch that processes these beams is computed by
-    a run.
+    Unlike `chances`, this carries an array's fluctuation from slot to slot. All beams of an array
+    share that fluctuation, and only the best processed beam counts. A simulated watch with these
+    beams is computed in the same way.
+
+    Args:
+        field: arrays and particles.
+        chosen: the beams that are processed in each slot.
     """
-    whole = 0, len(field.swarm.time) - 1
+    all_bins = 0, len(field.swarm.time) - 1
     log = np.zeros(len(field.swarm.scenario))
     for number, (first, gain) in enumerate(zip(_firsts(field), field.gains, strict=True)):
         own = [
@@ -226,18 +258,20 @@ def carried(field: Field, chosen: Chosen) -> Real:
         gains = np.stack([gain[list(kind)].max(axis=0) for kind in kinds])
         by_slot = np.array([kinds.index(kind) if kind else -1 for kind in own], np.int32)
         rows = np.repeat(by_slot, np.diff(field.slots))[None]
-        log += _missed(field, number, Beams(gains, rows), whole)[0]
+        log += _missed(field, number, Beams(gains, rows), all_bins)[0]
     return -np.expm1(log)
 
 
 def _firsts(field: Field) -> list[int]:
-    """Return the number of each array's first beam."""
+    """Return the index of each array's first beam."""
     return [sum(len(gain) for gain in field.gains[:number]) for number in range(len(field.gains))]
 
 
 def looks(listener: Listener) -> list[str]:
-    """Return what an array's beams are called: relative bearings (R), and true ones (T) of one that
-    stands; both sides of a line.
+    """Return a name for each beam of an array, made of the bearings in which it looks.
+
+    R marks a relative bearing. Fixed arrays also get the true bearing (T). A beam of a line array
+    has two true bearings, one on each side.
     """
     sonar = _sonar(listener)
     stands = listener.legs is None and not listener.tow
@@ -248,6 +282,7 @@ def looks(listener: Listener) -> list[str]:
 
 
 def _look(gain: Gain, beam: int, heading: float | None) -> str:
+    """Return the name of one beam; heading [rad] is None for a towed array."""
     steered = float(gain.steered[beam])
     if math.isnan(steered):
         steered = float(gain.bearing[np.argmax(gain.beams[beam])])
@@ -260,4 +295,5 @@ def _look(gain: Gain, beam: int, heading: float | None) -> str:
 
 
 def _degrees(angle: float) -> str:
+    """Return an angle [rad] as three digits of whole degrees."""
     return f"{round(math.degrees(angle)) % 360:03d}"

@@ -1,6 +1,4 @@
-"""What a plan of towed arrays hands out: its text, [[sortie]] tables for the case, its figures and
-its picture.
-"""
+"""Output files of a plan of towed arrays: text, [[sortie]] tables, numbers and a map."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,16 +17,17 @@ from drift.products.report.leaves import Leaf
 
 @dataclass(frozen=True)
 class PlacementOutputs:
-    """What the files and the picture are made from."""
+    """What the output files and the map of a plan are made from."""
 
     plan: Any  # a drift.planning.arrays.planner.ArrayPlan
-    forecast: Forecast  # of its hearing nothing
+    forecast: Forecast  # given that the planned watches hear nothing
     updates: Updates | None
     setting: Setting
-    taken: Sequence[str]  # names of the sorties that the case has
+    taken: Sequence[str]  # names of the case's own sorties
 
 
 def _picture(matter: PlacementOutputs, path: Path) -> None:
+    """Draw the search map with the plan's areas and turning points on it."""
     from drift.evidence.filter.products import map as search_map
     from drift.planning.arrays import layers  # here: Matplotlib takes a second to import
 
@@ -55,7 +54,7 @@ PICTURES: dict[str, Callable[[PlacementOutputs, Path], None]] = {
 
 
 def chapter(matter: PlacementOutputs) -> OutputBundle:
-    """Return the chapter of a plan of towed arrays."""
+    """Return the output files of a plan of towed arrays."""
     return OutputBundle(
         {"arrays": placement_text.summary_of_placement(matter.plan)},
         bind_outputs(FILES, matter),
@@ -65,4 +64,5 @@ def chapter(matter: PlacementOutputs) -> OutputBundle:
 
 
 def _leaves(matter: PlacementOutputs) -> list[Leaf]:
+    """Return the plan's page of the report."""
     return [leaves.text_leaf("Towed arrays", file="arrays.txt")]

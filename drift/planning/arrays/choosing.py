@@ -1,9 +1,10 @@
-"""Choices of beams: greedy, then by exchange until no single one makes it better.
+"""Heuristics that choose beams: greedy choice, then exchanges of single beams.
 
-What is heard is a monotone submodular function of the beams processed, and they are independent in
-a matroid: greedy alone has at least half of the best (Fisher, Nemhauser and Wolsey 1978, Math.
-Programming Study 8, 73, doi:10.1007/BFb0121195), a choice without a better exchange too. In
-practice both are far nearer (tests/planning/arrays).
+The probability of hearing the target is a monotone submodular function of the set of processed
+beams, and the feasible sets form a matroid. Greedy choice therefore reaches at least half of the
+optimum (Fisher, Nemhauser and Wolsey 1978, Math. Programming Study 8, 73, doi:10.1007/BFb0121195);
+so does a choice that no exchange improves. In practice both come far closer
+(tests/planning/arrays).
 """
 
 import heapq
@@ -15,23 +16,23 @@ from drift.planning.arrays.records import Chosen, Hearing
 from geo.array import Array, Real
 
 LEAST = 1e-12  # share of the weight by which an exchange must be better
-SWEEPS = 50  # of exchanges; never reached in practice, for each makes the choice better
+SWEEPS = 50  # at most; in practice exchanges stop to improve the choice much earlier
 
 
 class Missed:
-    """What the beams chosen so far miss: kept up to date as beams come and go."""
+    """Weight that the processed beams miss, updated as beams are added and dropped."""
 
     def __init__(self, hearing: Hearing, chosen: Chosen) -> None:
-        """Take the beams chosen of each slot."""
+        """Start with the beams that are chosen in each slot."""
         self.hearing = hearing
-        # weight times the chance that those miss it which do not hear it for sure
+        # weight times the probability that all beams miss, without those that hear for certain
         self.rest = hearing.weight.copy()
-        # how many levels of slots are heard for sure
+        # number of levels (in all slots) that hear the particle for certain
         self.sure = np.zeros(len(hearing.weight), np.int32)
         # whether no two beams share a level
         self.alone = len(np.unique(hearing.shared)) == len(hearing.shared)
-        # Of each slot and shared level, the beams that are processed, and the best chance of each
-        # particle.
+        # For each slot and shared level: the processed beams, and each particle's highest
+        # probability of being heard.
         self.used: dict[tuple[int, int], list[int]] = {}
         self.best: dict[tuple[int, int], Real] = {}
         for slot, beams in enumerate(chosen):
@@ -39,7 +40,7 @@ class Missed:
                 self.add(slot, beam)
 
     def add(self, slot: int, beam: int) -> None:
-        """Process a beam."""
+        """Add a beam to the processed ones."""
         at, chance = row(self.hearing, slot, beam)
         if self.alone:
             self._change(at, 0.0, chance)
@@ -52,7 +53,7 @@ class Missed:
         self._change(at, before, best[at])
 
     def drop(self, slot: int, beam: int) -> None:
-        """Process a beam no more."""
+        """Remove a beam from the processed ones."""
         at, chance = row(self.hearing, slot, beam)
         if self.alone:
             self._change(at, chance, 0.0)
@@ -67,7 +68,7 @@ class Missed:
         self._change(at, before, best[at])
 
     def _change(self, at: Array, before: Real | float, after: Real | float) -> None:
-        """Have particles be heard with other chances by one level of a slot."""
+        """Change the probability with which one level of a slot hears some particles."""
         self.rest[at] *= np.where(np.less(after, 1), np.subtract(1, after), 1) / np.where(
             np.less(before, 1), np.subtract(1, before), 1
         )
@@ -75,11 +76,11 @@ class Missed:
 
     @property
     def weight(self) -> Real:
-        """Weight that is missed, of each particle (particles,)."""
+        """Missed weight of each particle, shape (particles,)."""
         return np.where(self.sure == 0, self.rest, 0.0)
 
     def gain(self, slot: int, beam: int) -> float:
-        """Return the weight that a beam adds."""
+        """Return the weight that one more beam would add."""
         at, chance = row(self.hearing, slot, beam)
         left = np.where(self.sure[at] == 0, self.rest[at], 0.0)
         level = slot, int(self.hearing.shared[beam])
@@ -89,7 +90,7 @@ class Missed:
         return float(np.dot(left, np.maximum(chance - best, 0) / np.where(best < 1, 1 - best, 1)))
 
     def gains(self, slot: int) -> Real:
-        """Return the weight that each beam of a slot adds, (beams,)."""
+        """Return the weight that each beam of a slot would add, shape (beams,)."""
         found = np.asarray(self.hearing.chance[slot] @ self.weight, float)
         levels = [level for (at, level), beams in self.used.items() if at == slot and beams]
         for beam in np.flatnonzero(np.isin(self.hearing.shared, levels)).tolist() if levels else ():
@@ -98,24 +99,34 @@ class Missed:
 
 
 def row(hearing: Hearing, slot: int, beam: int) -> tuple[Array, Real]:
-    """Return the particles that a beam hears, and the chances of that in double precision."""
+    """Return the particles that a beam hears, and with which probability.
+
+    Args:
+        hearing: detection probabilities of all beams.
+        slot: index of the slot.
+        beam: index of the beam.
+
+    Returns:
+        Indices of the particles with a probability above 0, and these probabilities in double
+            precision.
+    """
     table = hearing.chance[slot]
     part = slice(table.indptr[beam], table.indptr[beam + 1])
     return table.indices[part], table.data[part].astype(float)
 
 
 def heard(hearing: Hearing, chosen: Chosen) -> float:
-    """Return the weight that is heard at least once."""
+    """Return the weight of the target being heard at least once."""
     return float(hearing.weight.sum() - Missed(hearing, chosen).weight.sum())
 
 
 def costs(hearing: Hearing, chosen: Chosen) -> float:
-    """Return what the beams cost together."""
+    """Return the total cost of the chosen beams."""
     return float(sum(hearing.cost[slot, list(beams)].sum() for slot, beams in enumerate(chosen)))
 
 
 def value(hearing: Hearing, chosen: Chosen) -> float:
-    """Return the weight that is heard at least once, less what the beams cost."""
+    """Return the weight that is heard at least once, less the cost of the beams."""
     return heard(hearing, chosen) - costs(hearing, chosen)
 
 
@@ -125,11 +136,15 @@ def greedy(
     first: tuple[int, int] | None = None,
     without: tuple[int, int] | None = None,
 ) -> Chosen:
-    """Return beams chosen over all slots, each time the one that adds most (lazily: Minoux 1978,
+    """Return a greedy choice of beams over all slots.
+
+    Each step adds the beam with the highest gain (lazy evaluation: Minoux 1978,
     doi:10.1007/BFb0006528).
 
-    first, without: slot and beam of one that is chosen before all others, and of one that is not
-    chosen.
+    Args:
+        hearing: detection probabilities of all beams.
+        first: slot and beam that are chosen before all others.
+        without: slot and beam that must not be chosen.
     """
     crews = [hearing.crew(slot) for slot in range(hearing.slots)]
     chosen: list[tuple[int, ...]] = [()] * hearing.slots
@@ -151,7 +166,7 @@ def greedy(
     while heap:
         _, slot, beam, when = heapq.heappop(heap)
         if not fit[slot][beam]:
-            continue  # nor will it later
+            continue  # more beams never make it fit again
         if when < taken:
             gain = missed.gain(slot, beam) - float(hearing.cost[slot, beam])
             if gain > 0:
@@ -165,8 +180,12 @@ def greedy(
 
 
 def in_order(hearing: Hearing, *, knowing: bool) -> Chosen:
-    """Return beams chosen slot after slot; knowing: given what the slots before missed, else as if
-    each were alone.
+    """Return a greedy choice that is made slot after slot.
+
+    Args:
+        hearing: detection probabilities of all beams.
+        knowing: True: each slot takes account of what earlier slots have heard; False: each slot is
+            optimised alone.
     """
     missed = Missed(hearing, ())
     chosen = []
@@ -179,9 +198,7 @@ def in_order(hearing: Hearing, *, knowing: bool) -> Chosen:
 
 
 def _slot(hearing: Hearing, missed: Missed, slot: int) -> tuple[int, ...]:
-    """Choose beams of a slot in which none is processed, each time the one that adds most, and
-    leave them processed.
-    """
+    """Add the beams of one slot greedily to the processed ones and return them."""
     crew = hearing.crew(slot)
     chosen: tuple[int, ...] = ()
     while True:
@@ -196,29 +213,27 @@ def _slot(hearing: Hearing, missed: Missed, slot: int) -> tuple[int, ...]:
 
 
 def exchanged(hearing: Hearing, chosen: Chosen) -> Chosen:
-    """Return a choice that no beam more, none less and none instead of another makes better."""
-    least = LEAST * float(hearing.weight.sum())
-    now = list(chosen)
+    """Return a choice that no added, dropped or exchanged single beam improves."""
+    threshold = LEAST * float(hearing.weight.sum())
+    current = list(chosen)
     for _ in range(SWEEPS):
-        missed = Missed(hearing, tuple(now))
-        before = list(now)
+        missed = Missed(hearing, tuple(current))
+        before = list(current)
         for slot in range(hearing.slots):
-            now[slot] = _swapped(hearing, missed, slot, now[slot], least)
-        if now == before:
+            current[slot] = _swapped(hearing, missed, slot, current[slot], threshold)
+        if current == before:
             break
-    return tuple(now)
+    return tuple(current)
 
 
 def _swapped(
-    hearing: Hearing, missed: Missed, slot: int, chosen: tuple[int, ...], least: float
+    hearing: Hearing, missed: Missed, slot: int, chosen: tuple[int, ...], threshold: float
 ) -> tuple[int, ...]:
-    """Return the beams of a slot after each in turn gave way to the one that adds most in its
-    place.
-    """
+    """Return the beams of a slot after replacing each in turn by the best alternative."""
     crew, cost = hearing.crew(slot), hearing.cost[slot]
-    places: list[int | None] = [*chosen, *[None] * (len(crew) - len(chosen))]
-    for k, beam in enumerate(places):
-        others = tuple(b for j, b in enumerate(places) if b is not None and j != k)
+    positions: list[int | None] = [*chosen, *[None] * (len(crew) - len(chosen))]
+    for k, beam in enumerate(positions):
+        others = tuple(b for j, b in enumerate(positions) if b is not None and j != k)
         fit = manning.extends(others, hearing.array, crew)
         if not fit.any():
             continue
@@ -227,12 +242,12 @@ def _swapped(
         gains = np.where(fit, missed.gains(slot) - cost, -np.inf)
         gains[list(others)] = -np.inf
         other = int(np.argmax(gains))
-        now = 0.0 if beam is None else float(gains[beam])
-        if gains[other] > now + least and gains[other] > 0:
-            places[k] = other
-        elif now < -least:
-            places[k] = None
-        put = places[k]
-        if put is not None:
-            missed.add(slot, put)
-    return tuple(sorted(b for b in places if b is not None))
+        own_gain = 0.0 if beam is None else float(gains[beam])
+        if gains[other] > own_gain + threshold and gains[other] > 0:
+            positions[k] = other
+        elif own_gain < -threshold:
+            positions[k] = None
+        replacement = positions[k]
+        if replacement is not None:
+            missed.add(slot, replacement)
+    return tuple(sorted(b for b in positions if b is not None))

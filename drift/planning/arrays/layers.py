@@ -1,6 +1,4 @@
-"""What a chart shows of ships that tow arrays: where they may begin and go, and when they begin,
-turn and end.
-"""
+"""Map overlay of a plan of towed arrays: start areas, allowed areas and turning points."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,8 +19,8 @@ from geo.polyline import Area
 BEGIN: dict[str, Any] = {"color": "#7a3e00", "linewidth": 0.9, "linestyle": (0, (4, 2))}
 ALLOWED: dict[str, Any] = {"color": "#7a3e00", "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
 POINTS = {"begins": "o", "turns": "s", "ends": "X"}
-# Where the words stand [points], each kind on a side of its own: a way's points may be near each
-# other.
+# Offset of the labels [points]. Each kind has its own side, because a way's points may be near
+# each other.
 BESIDE = {"begins": (-4, 3, "right"), "turns": (-4, -8, "right"), "ends": (4, 2, "left")}
 POINT: dict[str, Any] = {
     "color": INK,
@@ -35,7 +33,12 @@ GROUND: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.
 
 
 def plan(placed: Sequence[Placed], sorties: Sequence[Sortie]) -> Overlay:
-    """Return what a map shows of a plan, whatever its time."""
+    """Return the overlay of a plan, the same at all times.
+
+    Args:
+        placed: ships with their ways.
+        sorties: the planned sortie of each ship.
+    """
     tows = [one.sea.tow for one in placed]
     begins = [_ring(tow.begin) for tow in tows]
     allowed = [_ring(tow.allowed) for tow in tows if tow.allowed is not None]
@@ -80,13 +83,13 @@ def plan(placed: Sequence[Placed], sorties: Sequence[Sortie]) -> Overlay:
 
 
 def label(time: np.datetime64, what: str) -> str:
-    """Return what stands beside a point: day and time, and the course from there on."""
+    """Return the text beside a point: day and time, then the course of the next leg."""
     course = what.partition("course ")[2]
     return f"{notation.format_dtg(time)[:6]}Z" + (f" {course}°" if course else "")
 
 
 def _ring(area: Area) -> Array:
-    """Return an area's edge (n, 2) [deg], closed, with longitudes that do not jump."""
+    """Return an area's closed edge [deg], shape (n, 2), with continuous longitudes."""
     corners = np.array(area.ring)
     corners = np.concatenate([corners, corners[:1]])
     corners[:, 0] = np.degrees(np.unwrap(np.radians(corners[:, 0])))

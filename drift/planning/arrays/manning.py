@@ -1,10 +1,10 @@
-"""Which beams can be processed at the same time: those to which different processors can be given.
+"""Feasible sets of beams: those to which different processors can be assigned.
 
-Such sets of beams are the independent sets of a transversal matroid (Edmonds and Fulkerson 1965, J.
-Res. Natl. Bur. Stand. 69B, 147). So taking beams by falling score, each that still fits, makes the
-highest sum of scores (Edmonds 1971, Math. Programming 1, 127, doi:10.1007/BF01584082): no linear
-programme does better. Beams of one array differ in nothing here, so that all depends on how many
-each array has.
+These sets are the independent sets of a transversal matroid (Edmonds and Fulkerson 1965, J. Res.
+Natl. Bur. Stand. 69B, 147). Taking beams by falling score, each one that still fits, therefore
+maximises the sum of scores (Edmonds 1971, Math. Programming 1, 127, doi:10.1007/BF01584082); a
+linear programme cannot do better. Beams of one array are interchangeable here, so feasibility
+depends only on the number of beams of each array.
 """
 
 from functools import lru_cache
@@ -14,41 +14,49 @@ from numpy.typing import NDArray
 
 from geo.array import Array
 
-# of each processor that works in a slot, whether it can serve each array
+# for each processor that works in a slot: whether it can serve each array
 Crew = tuple[tuple[bool, ...], ...]
 
 
 @lru_cache(maxsize=65536)
 def fits(crew: Crew, counts: tuple[int, ...]) -> bool:
-    """Whether processors can be given to so many beams of each array."""
+    """Return True if the crew can process this number of beams of each array."""
     return _matched(crew, counts)[0]
 
 
 def _matched(crew: Crew, counts: tuple[int, ...]) -> tuple[bool, list[int]]:
-    """Return whether each beam found a processor (augmenting paths), and of each processor the
-    array, -1: none.
-    """
-    given = [-1] * len(crew)
+    """Return whether every beam gets a processor, and each processor's array (-1: none).
 
-    def free(array: int, seen: set[int]) -> bool:
+    Uses augmenting paths.
+    """
+    assigned = [-1] * len(crew)
+
+    def assign(array: int, seen: set[int]) -> bool:
         for k, serves in enumerate(crew):
             if serves[array] and k not in seen:
                 seen.add(k)
-                if given[k] < 0 or free(given[k], seen):
-                    given[k] = array
+                if assigned[k] < 0 or assign(assigned[k], seen):
+                    assigned[k] = array
                     return True
         return False
 
     if sum(counts) > len(crew):
-        return False, given
-    return all(free(array, set()) for array, many in enumerate(counts) for _ in range(many)), given
+        return False, assigned
+    return all(
+        assign(array, set()) for array, many in enumerate(counts) for _ in range(many)
+    ), assigned
 
 
 def surplus(crew: Crew, many: tuple[int, ...]) -> tuple[int, int] | None:
-    """Return some processors that have fewer beams than they are, and those beams' number (Hall
-    1935); None: there are none.
+    """Return a set of processors that outnumbers the beams it can serve (Hall 1935).
 
-    many: beams of each array.
+    Args:
+        crew: which arrays each processor can serve.
+        many: number of beams of each array.
+
+    Returns:
+        The number of these processors and the number of beams that they can serve; None if there is
+            no such set.
     """
     working: list[list[int]] = [[] for _ in many]  # processors by array
 
@@ -75,10 +83,16 @@ def surplus(crew: Crew, many: tuple[int, ...]) -> tuple[int, int] | None:
 
 
 def best(score: Array, array: Array, crew: Crew, chosen: tuple[int, ...] = ()) -> tuple[int, ...]:
-    """Return the beams of the highest sum of scores above 0 that fit together; of equal ones the
-    first.
+    """Return the feasible set of beams with the highest sum of positive scores.
 
-    score: (beams,). array: (beams,). chosen: beams that are processed in any case.
+    Args:
+        score: value of each beam, shape (beams,).
+        array: index of each beam's array, shape (beams,).
+        crew: which arrays each processor can serve.
+        chosen: beams that are processed in any case.
+
+    Returns:
+        Beams in ascending order; of equal scores the lower beam comes first.
     """
     counts = [0] * (len(crew[0]) if crew else 0)
     for beam in chosen:
@@ -99,7 +113,7 @@ def best(score: Array, array: Array, crew: Crew, chosen: tuple[int, ...] = ()) -
 
 
 def extends(chosen: tuple[int, ...], array: Array, crew: Crew) -> NDArray[np.bool_]:
-    """Return which beams fit together with those chosen, (beams,)."""
+    """Return which single beams fit together with the chosen ones, shape (beams,)."""
     if len(chosen) >= len(crew):
         return np.zeros(len(array), bool)
     counts = [0] * len(crew[0])
@@ -114,10 +128,16 @@ def extends(chosen: tuple[int, ...], array: Array, crew: Crew) -> NDArray[np.boo
 def shared_out(
     beams: tuple[int, ...], array: Array, crew: Crew, before: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """Return the beam of each processor of a crew, -1: idle, so that as few as can be change their
-    beam or array.
+    """Assign beams to processors with as few changes of beam or array as possible.
 
-    before: the beam of each of them in the slot before; -1: idle.
+    Args:
+        beams: the beams that are processed.
+        array: index of each beam's array, shape (beams,).
+        crew: which arrays each processor can serve.
+        before: each processor's beam in the slot before, -1: idle.
+
+    Returns:
+        Each processor's beam, -1: idle.
     """
     from scipy import optimize  # imported here, because it takes a third of a second
 
@@ -129,10 +149,10 @@ def shared_out(
             same = before[k] == beam
             near = before[k] >= 0 and array[before[k]] == array[beam]
             effort[k, j] = (0 if same else 1 if near else 1.5) if serves[array[beam]] else 1e6
-    # of equal ones, in order
+    # break ties by the order of processors and beams
     effort += 1e-6 * np.arange(len(crew))[:, None] * np.arange(len(beams), 0, -1)
     rows, columns = optimize.linear_sum_assignment(effort)
-    given = [-1] * len(crew)
+    assigned = [-1] * len(crew)
     for k, j in zip(rows.tolist(), columns.tolist(), strict=True):
-        given[k] = beams[j]
-    return tuple(given)
+        assigned[k] = beams[j]
+    return tuple(assigned)

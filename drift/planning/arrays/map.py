@@ -1,8 +1,8 @@
-"""The picture of an allocation of processing: time along, beams upward by array.
+"""Timeline chart of a beam allocation: time on the x axis, beams by array on the y axis.
 
-Beams that are processed are filled and say what they add, in per cent of all that could be heard;
-the paler ground shows what the others would add. Where beams are more than fit on a page, those
-stand there that are processed at some time.
+Processed beams are filled and labelled with their gain in percent of the total weight. The paler
+background shows the gain that the other beams would have. If there are too many beams for a page,
+only beams that are processed at some time are shown.
 """
 
 from collections.abc import Sequence
@@ -29,14 +29,14 @@ from geo.array import Array
 WIDTH = 14.0  # [in]
 ROW = 0.15  # [in] height of a beam's row
 GAP = 0.09  # [in] between arrays
-LEFT, RIGHT = 1.45, 0.35  # [in] beside the beams
+LEFT, RIGHT = 1.45, 0.35  # [in] margins beside the beams
 CURVE = 1.15  # [in] height of the curve below
-MOST = 100  # beams that fit on a page
-NARROW = 0.29  # [in] of a slot, below which there is no room for a number
-# of what is heard, between ticks
+MOST = 100  # most beams on a page
+NARROW = 0.29  # [in] narrowest slot in which a number fits
+# candidate tick distances of the probability axis
 STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5)
 FILL = "#0b4f8a"  # of beams that are processed
-# of what others would add
+# of the gain that beams which are not processed would have
 GROUND = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.42, 128)))
 LINE: dict[str, Any] = {"color": INK, "linewidth": 1.4}
 
@@ -49,17 +49,23 @@ def plot_processing(
     imprint: Imprint,
     lines: Sequence[str] = (),
 ) -> None:
-    """Draw which beams are processed when, and how much is heard by then.
+    """Draw which beams are processed when, and the cumulative probability of hearing.
 
-    lines: under the title, of a plan, whose chances are of slots begun again; without them what the
-    allocation is worth.
+    Args:
+        allocation: which beams are processed when.
+        hearing: detection probabilities of all beams.
+        names: of arrays, beams and processors.
+        path: the picture to write.
+        imprint: title and run for the head of the page.
+        lines: text under the title, for plans whose probabilities hold for each slot by itself.
+            Empty: the value of the allocation.
     """
-    told = lines or [processing_text.worth(allocation)]
+    head = lines or [processing_text.worth(allocation)]
     rows = shown(allocation, hearing)
     y, top = _heights(hearing, rows)
-    over, under = 0.95 + 0.2 * len(told), 0.75 + CURVE + 0.45
-    height = over + top + under
-    on = sheet.begin_page(
+    head_height, foot_height = 0.95 + 0.2 * len(head), 0.75 + CURVE + 0.45
+    height = head_height + top + foot_height
+    sheet_page = sheet.begin_page(
         Sheet(
             WIDTH,
             height,
@@ -67,56 +73,65 @@ def plot_processing(
             left=0.02,
             title=sheet.heading(1 - 0.38 / height, 14, 95),
             beside=75,
-            lines=tuple(Row(1 - (0.64 + 0.2 * k) / height, 9.5, 165) for k in range(len(told))),
+            lines=tuple(Row(1 - (0.64 + 0.2 * k) / height, 9.5, 165) for k in range(len(head))),
             caution=Badge(0.985, 1 - 0.38 / height, side="right"),
             footer=sheet.small(0.07 / height, 7, 210),
         )
     )
-    sheet.write_head(on, imprint, *told)
+    sheet.write_head(sheet_page, imprint, *head)
     wide = WIDTH - LEFT - RIGHT
-    ax = on.figure.add_axes((LEFT / WIDTH, under / height, wide / WIDTH, top / height))
+    ax = sheet_page.figure.add_axes(
+        (LEFT / WIDTH, foot_height / height, wide / WIDTH, top / height)
+    )
     edges = notation.epochs(names.edges).astype(float)
     _beams(ax, allocation, hearing, names, rows, y, wide)
     ax.set_xlim(edges[0], edges[-1])
     ax.set_ylim(0, top)
-    below = on.figure.add_axes((LEFT / WIDTH, 0.75 / height, wide / WIDTH, CURVE / height))
-    _heard(
-        below, allocation, edges, "heard by then, each slot by itself" if lines else "heard by then"
+    curve_axes = sheet_page.figure.add_axes(
+        (LEFT / WIDTH, 0.75 / height, wide / WIDTH, CURVE / height)
     )
-    _times(below, edges)
-    ax.set_xticks(below.get_xticks(), labels=[])
-    _legend(on.figure, 1 - (over - 0.43) / height)
-    below_beams = "Beams look R relative to their array, T true. " if lines else ""
+    _heard(
+        curve_axes,
+        allocation,
+        edges,
+        "heard by then, each slot by itself" if lines else "heard by then",
+    )
+    _times(curve_axes, edges)
+    ax.set_xticks(curve_axes.get_xticks(), labels=[])
+    _legend(sheet_page.figure, 1 - (head_height - 0.43) / height)
+    footnote = "Beams look R relative to their array, T true. " if lines else ""
     if hearing.beams > len(rows):
-        below_beams += f"{hearing.beams - len(rows)} beams are not shown: never processed, or the least of them."
+        footnote += f"{hearing.beams - len(rows)} beams are not shown: never processed, or the least of them."
     ax.text(
         1,
         -0.08 / top,
-        below_beams.strip(),
+        footnote.strip(),
         fontsize=7.5,
         color=GREY,
         ha="right",
         va="top",
         transform=ax.transAxes,
     )
-    sheet.finish_page(on, path, imprint)
+    sheet.finish_page(sheet_page, path, imprint)
 
 
 def shown(allocation: Allocation, hearing: Hearing) -> list[int]:
-    """Return the beams that the picture shows: all, or those that are processed, those of most gain
-    first if they are too many.
+    """Return the beams that the chart shows.
+
+    These are all beams, or the processed ones if there are more than `MOST`, and of too many
+    processed ones those of highest gain.
     """
     if hearing.beams <= MOST:
         return list(range(hearing.beams))
-    worth = np.zeros(hearing.beams)
+    gain = np.zeros(hearing.beams)
     for slot, beams in enumerate(allocation.chosen):
-        worth[list(beams)] += allocation.gain[slot, list(beams)] + 1e-12 * allocation.weight
-    order = np.argsort(-worth, kind="stable")[:MOST]
-    return sorted(int(beam) for beam in order if worth[beam] > 0)
+        gain[list(beams)] += allocation.gain[slot, list(beams)] + 1e-12 * allocation.weight
+    order = np.argsort(-gain, kind="stable")[:MOST]
+    return sorted(int(beam) for beam in order if gain[beam] > 0)
 
 
 def _heights(hearing: Hearing, rows: Sequence[int]) -> tuple[Array, float]:
-    """Return where the row of each beam begins [in], the first at the top, and the height of all."""
+    """Return the lower edge of each beam's row [in], the first on top, and the total height."""
     array = hearing.array[list(rows)] if len(rows) else np.zeros(0, int)
     breaks = np.concatenate([[0], np.cumsum(np.diff(array) != 0)]) if len(rows) else np.zeros(0)
     top = max(ROW * len(rows) + GAP * (float(breaks[-1]) if len(rows) else 0), 1.0)
@@ -132,7 +147,7 @@ def _beams(
     y: Array,
     wide: float,
 ) -> None:
-    """Draw the beams, what they would add, and those that are processed."""
+    """Draw each beam's gain as the background, and bars where it is processed."""
     for side in ("top", "right", "left", "bottom"):
         ax.spines[side].set_visible(False)
     edges = notation.epochs(names.edges).astype(float)
@@ -198,12 +213,12 @@ def _beams(
 
 
 def _percent(share: float) -> str:
-    """Return a gain [%] in at most four letters."""
+    """Return a gain [%] in at most four characters."""
     return f"{share:.0f}" if share >= 99.95 else f"{share:.1f}" if share >= 9.95 else f"{share:.2f}"
 
 
 def _heard(ax: Axes, allocation: Allocation, edges: Array, words: str) -> None:
-    """Draw what is heard by the end of each slot, and the bound."""
+    """Draw the probability of having heard by the end of each slot, and the bound."""
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     ax.set_xlim(edges[0], edges[-1])
@@ -215,10 +230,10 @@ def _heard(ax: Axes, allocation: Allocation, edges: Array, words: str) -> None:
         bound = allocation.bound / allocation.weight
         values.append(bound)
         ax.plot(edges[-1:], [bound], marker="v", markersize=5, color=GREY, clip_on=False, zorder=5)
-    most = min(1.0, 1.15 * max(*values, 1e-3))
-    ax.set_ylim(0, most)
-    step = next((step for step in STEPS if most / step <= 4.5), STEPS[-1])
-    ticks = step * np.arange(int(most / step) + 1)
+    highest = min(1.0, 1.15 * max(*values, 1e-3))
+    ax.set_ylim(0, highest)
+    step = next((step for step in STEPS if highest / step <= 4.5), STEPS[-1])
+    ticks = step * np.arange(int(highest / step) + 1)
     ax.set_yticks(ticks, labels=[f"{100 * tick:.3g} %" for tick in ticks])
     ax.tick_params(labelsize=7.5, labelcolor=INK)
     ax.grid(axis="y", color="#d9dfe4", linewidth=0.6)
@@ -226,7 +241,7 @@ def _heard(ax: Axes, allocation: Allocation, edges: Array, words: str) -> None:
 
 
 def _times(ax: Axes, edges: Array) -> None:
-    """Write times along the axis."""
+    """Label the time axis."""
     ticks = labels.round_times(float(edges[0]), float(edges[-1]), 14)
     ax.set_xticks(
         ticks,
@@ -235,7 +250,7 @@ def _times(ax: Axes, edges: Array) -> None:
 
 
 def _legend(figure: Figure, y: float) -> None:
-    """Write what the colours mean."""
+    """Draw the legend."""
     rows = [
         (Patch(facecolor=FILL), "processed; the number: what would be lost without it, % of all"),
         (Patch(facecolor=GROUND(0.75)), "not processed; the darker, the more it would add"),

@@ -1,17 +1,17 @@
-"""An upper bound of what arrays can hear, wherever they are towed.
+"""An upper bound of the probability that towed arrays hear the target, over all placements.
 
-Time is cut into slots and the sea into cells. What an array misses in a slot is at least what it
-would miss with the highest signal excess that it can have anywhere in a cell, on any heading, at
-every moment. And what it misses in all slots is at least the product over slots: given the
-fluctuation at the border of two slots, what happens before and after is independent, and both are
-the likelier to be silent the quieter that value is (Chebyshev's inequality of monotone functions).
-So -log of a miss is at most the sum of hazards h of the cells through which an array goes.
+Time is cut into slots and the sea into cells. In a slot, an array misses at least as much as it
+would with the highest signal excess that it can have anywhere in its cell, on any heading, at every
+moment. Over all slots it misses at least the product of the slots' misses: given the fluctuation at
+the border of two slots, the times before and after it are independent, and both are likelier to be
+silent the lower that value is (Chebyshev's inequality for monotone functions). So the negative
+logarithm of a miss is at most the sum of the hazards h of the cells on the array's route.
 
-Ways from cell to cell at the ship's speed are then mixed: the sum over particles of w (1 - exp(-sum
-y h)) is concave in the shares y, so that Frank and Wolfe's method (1956) bounds its maximum from
-above at every step. What is relaxed, therefore: the array takes the best of its cell and of all
-headings, turns at will, draws its fluctuation again at each slot, and may be shared out among ways.
-Bound and plan are compared on the same particles.
+Routes from cell to cell at the ship's speed are then mixed. The sum over particles of w (1 -
+exp(-sum y h)) is concave in the shares y, so the method of Frank and Wolfe (1956) bounds its
+maximum from above at every step. The bound therefore relaxes four things: the array takes the best
+position and heading of its cell, turns at will, draws its fluctuation again in each slot, and may
+be divided among routes. Bound and plan are compared on the same particles.
 """
 
 import math
@@ -33,17 +33,15 @@ from kernels.planning import stations
 
 PARTICLES = 400
 CELLS = 500  # most cells of each array
-SLOTS = (2, 4)  # numbers of slots that are tried; the lowest bound counts
-STEPS = 60  # of Frank and Wolfe
-PART = 4000.0  # [m] parts of a relative way
-SMALL = 0.002  # gap at which it ends
+SLOTS = (2, 4)  # numbers of slots that are tried; the lowest bound is used
+STEPS = 60  # most steps of Frank and Wolfe's method
+PART = 4000.0  # [m] part of the relative track with one value of signal excess
+SMALL = 0.002  # duality gap at which the search ends
 
 
 @dataclass(frozen=True)
 class Bound:
-    """What no placement of these ships hears more than of some particles, and what a plan hears of
-    the same.
-    """
+    """The upper bound, and the value of the plan on the same particles."""
 
     value: float
     plan: float
@@ -53,7 +51,13 @@ class Bound:
 
 
 def bound(seas: Sequence[Sea], tracks: Tracks, plan: Placement) -> Bound:
-    """Return an upper bound for ships among particles, whose weights have the sum 1."""
+    """Return an upper bound of the probability that any placement of the ships hears the target.
+
+    Args:
+        seas: where and when each ship may tow.
+        tracks: planning particles; their weights sum to 1.
+        plan: the placement to compare.
+    """
     some = planning_tracks.coarser(tracks, placement.BINS)
     some = some if some.m <= PARTICLES else planning_tracks.sample(some, PARTICLES)
     hearers = [heard.hearer(sea, some) for sea in seas]
@@ -68,19 +72,18 @@ def bound(seas: Sequence[Sea], tracks: Tracks, plan: Placement) -> Bound:
 
 
 def _relaxed(hearers: Sequence[Hearer], some: Tracks, many: int) -> tuple[float, float, int]:
-    """Return the bound with so many slots, the side of its cells [m], and the number of slots."""
+    """Return the bound for a number of slots, its cell size [m] and the slots used."""
     first = np.unique(np.rint(np.linspace(0, some.bins, many + 1)).astype(int))
     arrays = [_Array.of(hearer, some, first) for hearer in hearers]
-    # Each value of an unknown is a particle of its own, averaged for each array by itself: arrays
-    # that share one miss together the oftener (Chebyshev's inequality), so that this bounds no
-    # less.
+    # Each array averages over its own unknown. Arrays that share an unknown miss together more
+    # often than that (Chebyshev's inequality), so the result remains an upper bound.
     total, weight = [np.zeros((some.m, hearer.chances.size)) for hearer in hearers], some.weight
     best = math.inf
     for step in range(STEPS):
         missed = [np.exp(-h) @ hearer.chances for h, hearer in zip(total, hearers, strict=True)]
-        whole = np.prod(missed, axis=0)
-        value = float((1 - whole) @ weight)
-        ways_to, gain = [], 0.0
+        all_miss = np.prod(missed, axis=0)
+        value = float((1 - all_miss) @ weight)
+        vertices, gain = [], 0.0
         for k, (array, hearer) in enumerate(zip(arrays, hearers, strict=True)):
             others = (
                 np.prod([m for j, m in enumerate(missed) if j != k], axis=0)
@@ -91,22 +94,23 @@ def _relaxed(hearers: Sequence[Hearer], some: Tracks, many: int) -> tuple[float,
             route = array.best(slope)
             to = array.hazard_of(route)
             gain += float(np.sum(slope * (to - total[k])))
-            ways_to.append(to)
+            vertices.append(to)
         best = min(best, value + gain)
         if gain < SMALL or step == STEPS - 1:
             break
-        share = _line(total, ways_to, hearers, weight)
-        total = [(1 - share) * h + share * to for h, to in zip(total, ways_to, strict=True)]
+        share = _line(total, vertices, hearers, weight)
+        total = [(1 - share) * h + share * to for h, to in zip(total, vertices, strict=True)]
     return min(best, 1.0), max(array.side for array in arrays), len(first) - 1
 
 
 def _line(
     total: Sequence[Array], to: Sequence[Array], hearers: Sequence[Hearer], weight: Array
 ) -> float:
-    """Return how far to go from one mixture towards another, by golden section."""
+    """Return the step from one mixture towards another, by golden-section search."""
     low, high, golden = 0.0, 1.0, (math.sqrt(5) - 1) / 2
 
     def heard_at(share: float) -> float:
+        """Return the heard weight after a step."""
         parts = [
             np.exp(-((1 - share) * h + share * t)) @ own.chances
             for h, t, own in zip(total, to, hearers, strict=True)
@@ -124,21 +128,21 @@ def _line(
 
 @dataclass(frozen=True, eq=False)
 class _Array:
-    """The cells of one array, their hazards, and from which to which it can go."""
+    """Cells and hazards of one array, and which cells it can reach from which."""
 
     hazard: Array  # float32 (slots, cells, m, factors)
-    first: Array  # bool (cells,): where it may be in the first slot
-    near: Array  # bool (cells, cells)
+    first: Array  # bool (cells,): cells in which it may be in the first slot
+    near: Array  # bool (cells, cells): whether it can go from one to the other
     side: float  # [m]
 
     @classmethod
     def of(cls, hearer: Hearer, some: Tracks, first: Array) -> "_Array":
-        """Return them for slots that begin at these bins."""
+        """Return the cells of an array for slots that begin at these bins."""
         sea, lasting = hearer.sea, float(np.diff(some.time[first]).max())
         far = sea.tow.speed * lasting
         x, y, side = _cells(sea, some.time[-1] - some.time[0])
         lon, lat = sphere.destination(*sea.middle, x, y)
-        within = side / math.sqrt(2) + far / 2  # from where it is in the middle of a slot
+        within = side / math.sqrt(2) + far / 2  # from its position in the middle of a slot
         excess = heard.excess_near(hearer, lon, lat, within + PART / 2)
         own = (
             hearer.swarm,
@@ -152,7 +156,7 @@ class _Array:
         return cls(hazard, np.asarray(begins), apart <= (far + side * math.sqrt(2)) * STRETCH, side)
 
     def best(self, slope: Array) -> Array:
-        """Return the cell of each slot of the way with the highest sum of slope times hazard."""
+        """Return the route (cell of each slot) with the highest sum of slope times hazard."""
         slots, cells = self.hazard.shape[:2]
         gain = self.hazard.reshape(slots, cells, -1) @ slope.reshape(-1).astype(np.float32)
         value = np.where(self.first, gain[0].astype(np.float64), -math.inf)
@@ -167,17 +171,15 @@ class _Array:
         return np.array(route[::-1])
 
     def hazard_of(self, route: Array) -> Array:
-        """Return the sum of the hazards of a way's cells (m, factors)."""
+        """Return the sum of hazards along a route, shape (m, factors)."""
         return np.asarray(self.hazard[np.arange(len(route)), route].sum(axis=0, dtype=np.float64))
 
 
-STRETCH = 1.02  # by which distances in the plane may be too short, within 1,000 nmi of its middle
+STRETCH = 1.02  # factor by which distances may be too short in the plane, up to 1,000 nmi
 
 
 def _cells(sea: Sea, lasting: float) -> tuple[Array, Array, float]:
-    """Return the middles (x, y) [m] of squares that hold all places where a ship can be, and their
-    side [m].
-    """
+    """Return centres (x, y) [m] and side [m] of squares that cover the ship's reach."""
 
     reach = sea.begins.shape.buffer(sea.tow.speed * lasting * STRETCH)
     if sea.allowed is not None:
@@ -196,8 +198,8 @@ def _cells(sea: Sea, lasting: float) -> tuple[Array, Array, float]:
         squares = shapely.box(
             x.ravel() - side / 2, y.ravel() - side / 2, x.ravel() + side / 2, y.ravel() + side / 2
         )
-        held = shapely.intersects(reach, squares)
-        if held.sum() <= CELLS:
+        in_reach = shapely.intersects(reach, squares)
+        if in_reach.sum() <= CELLS:
             break
         side *= 1.05
-    return x.ravel()[held], y.ravel()[held], side
+    return x.ravel()[in_reach], y.ravel()[in_reach], side

@@ -1,6 +1,4 @@
-"""A plan of towed arrays as text: for the ships, for programs, and as [[sortie]] tables for the
-case.
-"""
+"""Text outputs of a plan of towed arrays: text, JSON and [[sortie]] tables for the case."""
 
 import json
 import math
@@ -14,27 +12,27 @@ from geo import notation, sphere
 from geo.notation import KNOT, NMI
 
 WIDE = 78
-LOOSE = 0.99  # a bound of so much says nothing
+LOOSE = 0.99  # a bound above this is not reported
 RELAXED = (
-    "The bound lets each array be anywhere in its cell, on any heading and at the best of its beams at every moment, draw its "
-    "fluctuation again in each slot of time, turn at will, and be shared out among ways"
+    "The bound lets each array use the best position, heading and beam of its cell at every moment, turn at will, draw its "
+    "fluctuation again in each time slot, and divide its time among several ways"
 )
 
 
 def worth(plan: Any) -> str:
-    """Return what a plan is worth, in a line."""
+    """Return one line with the plan's POD and its upper bound."""
     chosen, found = plan.placement, plan.bound
-    told = f"POD {notation.percent(plan.pos)} on the case's own particles; {notation.percent(chosen.value)} on the {chosen.particles:,} on which it was made"
+    line = f"POD {notation.percent(plan.pos)} on the case's own particles; {notation.percent(chosen.value)} on the {chosen.particles:,} planning particles"
     if found.value >= LOOSE:
-        return told + "; no bound below 100 % is known"
+        return line + "; no useful upper bound is known"
     return (
-        told
-        + f"; no plan hears more than {notation.percent(found.value)} of {found.particles:,} of these, of which this hears {notation.percent(found.plan)}"
+        line
+        + f"; on {found.particles:,} of these no plan exceeds {notation.percent(found.value)}, and this plan has {notation.percent(found.plan)}"
     )
 
 
 def placement_as_text(plan: Any, title: str, run: str) -> str:
-    """Return the plan for people; plain ASCII but for names."""
+    """Return the plan as text for the ships; plain ASCII except names."""
     lines = [
         "TOWED ARRAYS",
         *_fill(title),
@@ -65,17 +63,24 @@ def placement_as_text(plan: Any, title: str, run: str) -> str:
     ]
     lines += ["", "4  NOTES"]
     for note in (
-        f"POD: that any of them hears the target by {notation.format_dtg(plan.until)}.",
+        f"POD: probability that any ship hears the target by {notation.format_dtg(plan.until)}.",
         f"{RELAXED}; {plan.bound.slots} slots, cells of {plan.bound.cell / NMI:.0f} nmi.",
-        "Alternatives are worth what they are on the particles on which the plan was made.",
+        "The POD of alternatives is computed on the planning particles.",
     ):
         lines += _fill(note, 3)
     return "\n".join(lines) + "\n"
 
 
 def vertices(placed: Any, sortie: Any) -> list[tuple[np.datetime64, float, float, str]]:
-    """Return when and where (lon, lat) [deg] a ship begins, turns and ends, and on what course it
-    goes on.
+    """Return the points of a ship's way: start, turn and end.
+
+    Args:
+        placed: the ship with its way.
+        sortie: its planned sortie.
+
+    Returns:
+        For each point the time, longitude [deg], latitude [deg], and what the ship does there with
+            its new course.
     """
     legs = sortie.legs
     found = []
@@ -90,14 +95,15 @@ def vertices(placed: Any, sortie: Any) -> list[tuple[np.datetime64, float, float
 
 
 def _course(lon: float, lat: float, to_lon: float, to_lat: float) -> float:
+    """Return the initial course [deg] from one position [deg] to another."""
     east, north = sphere.offset(*(math.radians(x) for x in (lon, lat, to_lon, to_lat)))
     return math.degrees(math.atan2(float(east), float(north))) % 360
 
 
 def toml(plan: Any, taken: Sequence[str]) -> str:
-    """Return the watches as [[sortie]] tables that can be appended to the case."""
+    """Return the planned watches as [[sortie]] tables for the case file."""
     parts = [
-        "# The watches of the plan. Append them to the case once they were kept and heard nothing."
+        "# The watches of the plan. Append them to the case after they were kept and heard nothing."
     ]
     for sortie in plan.sorties:
         points = [
@@ -117,7 +123,7 @@ def toml(plan: Any, taken: Sequence[str]) -> str:
 
 
 def summary_of_placement(plan: Any) -> dict[str, Any]:
-    """Return the plan for programs."""
+    """Return the plan as JSON data."""
     chosen = plan.placement
     return {
         "pod": plan.pos,
@@ -145,22 +151,23 @@ def summary_of_placement(plan: Any) -> dict[str, Any]:
 
 
 def placement_facts(plan: Any) -> dict[str, str]:
-    """Return the plan in a few lines for a terminal."""
-    told = {"plan": worth(plan)}
+    """Return the plan as a few labelled lines for a terminal."""
+    rows = {"plan": worth(plan)}
     for placed, sortie, pos in zip(plan.placement.placed, plan.sorties, plan.pos_of, strict=True):
         way = "; ".join(
             f"{notation.format_dtg(t)[:6]}Z {notation.position(x, y)} {what}"
             for t, x, y, what in vertices(placed, sortie)
         )
-        told[placed.sea.tow.name] = f"{way}; POD {notation.percent(pos)}"
-    told |= {
+        rows[placed.sea.tow.name] = f"{way}; POD {notation.percent(pos)}"
+    rows |= {
         f"else {k}": f"{name}: {notation.percent(value)}"
         for k, (name, value) in enumerate(plan.placement.alternatives, 1)
     }
-    return told
+    return rows
 
 
 def _fill(line: str, indent: int = 0, later: int | None = None) -> list[str]:
+    """Return a paragraph wrapped to the page width."""
     blank = " " * indent
     return textwrap.wrap(
         line,

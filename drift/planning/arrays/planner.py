@@ -1,7 +1,7 @@
-"""The next watch of towed arrays: where each ship begins, and on what courses it tows.
+"""Plan the next watch of towed arrays: each ship's start, courses and turn.
 
-Ways are chosen on particles of their own (drift.planning.search.follow); what the plan is worth is
-told by the run in which it has been carried out and heard nothing.
+Ways are chosen on separate planning particles (drift.planning.search.follow). The plan's POD comes
+from the case's own run, with the planned watches carried out and nothing heard.
 """
 
 import os
@@ -32,13 +32,13 @@ from kernels.maths.noise import Purpose
 
 @dataclass(frozen=True)
 class ArrayPlan:
-    """Where ships are to tow their arrays, and what that is worth."""
+    """The ships' planned watches and their probability of hearing the target."""
 
-    placement: Placement  # and what it is worth on the particles on which it was made
+    placement: Placement  # with its value on the planning particles
     bound: Bound
     sorties: tuple[Sortie, ...]  # in the order of the placement
     pos: float  # probability that any of them hears the target, on the case's own particles
-    pos_of: tuple[float, ...]  # of each, given that those before it heard nothing
+    pos_of: tuple[float, ...]  # of each sortie, given that those before it heard nothing
     begin: np.datetime64
     until: np.datetime64
 
@@ -49,10 +49,9 @@ def place(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[RunOptions],
 ) -> tuple[ArrayPlan, Result]:
-    """Plan where a case's ships tow their arrays; with `out`, write it and the forecast of their
-    hearing nothing.
+    """Plan where the ships of a case tow their arrays.
 
-    The folder is written completely or not at all, with the forecast of the plan's failure.
+    With `out`, the plan is written together with the forecast that assumes that nothing is heard.
 
     Args:
         case: of `drift.load` or `drift.vary`.
@@ -60,17 +59,17 @@ def place(
         **options: as in `drift.run`.
 
     Returns:
-        The plan and the forecast: `sorties` of the ships, `pos`, the probability that any of them
-            hears the target (0 to 1), and its
-        `bound`; the `drift.Result` as if nothing was heard.
+        The plan and the forecast. The plan has `sorties` of the ships, `pos`, the probability that
+            any of them hears the target (0 to 1), and its `bound`; the forecast is the
+            `drift.Result` given that nothing is heard.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): the case has
-            no `[[tow]]`, or what `drift.run` rejects.
+        UserError: the case has no `[[tow]]`, or `drift.run` rejects it; one line for each mistake
+            (`error.lines`).
     """
     if not case.tows:
         raise UserError(
-            f"{case.path.name}: has no [[tow]] to place: give each its sensor, begin and speed"
+            f"{case.path.name}: has no [[tow]] to place: add one with sensor, begin and speed for each ship"
         )
     if case.plan.begin >= case.plan.until:
         raise UserError(
@@ -91,34 +90,35 @@ def place(
 
 
 def towed(job: Job) -> tuple[ArrayPlan, Case, Result]:
-    """Return a plan, the case in which it has been carried out and heard nothing, and the forecast
-    of that.
+    """Return a plan, the case with its watches appended, and the forecast of that case.
+
+    The watches are assumed to have heard nothing.
     """
     case = job.case
-    chosen, bound = _placed(job)
+    chosen, bound = _best_placement(job)
     sorties = tuple(_sortie(case, placed) for placed in chosen.placed)
-    executed = _with(case, sorties)
+    executed = _with_planned_sorties(case, sorties)
     result = flow.forecast_job(replace(job, case=executed))
-    return _worth(case, chosen, bound, sorties, result), executed, result
+    return _scored_plan(case, chosen, bound, sorties, result), executed, result
 
 
 def matter(job: Job, plan: ArrayPlan, executed: Case, result: Result) -> chapter.PlacementOutputs:
-    """Return what the files and the picture of a plan are made from."""
+    """Return what the output files of a plan are made from."""
     setting = run_metadata.with_coast(run_metadata.map_setting(executed, job.where))
     taken = [sortie.name for sortie in job.case.sorties]
     return chapter.PlacementOutputs(plan, result.forecast, result.updates, setting, taken)
 
 
 def ahead(plan: ArrayPlan) -> Planned:
-    """Return the watches of a plan, which are still to be kept."""
+    """Return the planned watches, which are not yet carried out."""
     return Planned(
         frozenset(sortie.name for sortie in plan.sorties),
         max(sortie.end for sortie in plan.sorties),
     )
 
 
-def _placed(job: Job) -> tuple[Placement, Bound]:
-    """Return the best ways that are found, and a bound; raise UserError where a ship has none."""
+def _best_placement(job: Job) -> tuple[Placement, Bound]:
+    """Return the best ways that are found and their bound; raise UserError if there are none."""
     case, spec = job.case, job.case.plan
     with job.clock.phase("follow"):
         tracks = follow.follow(case, job.where)
@@ -139,7 +139,7 @@ def _placed(job: Job) -> tuple[Placement, Bound]:
 
 
 def _sortie(case: Case, placed: placement.Placed) -> Sortie:
-    """Return a ship's watch as it is to be sailed."""
+    """Return a ship's planned watch as a sortie."""
     tow = placed.sea.tow
     legs = ways.legs(placed.sea, placed.way, 0)
     name = f"{tow.name}, planned"
@@ -162,26 +162,29 @@ def _sortie(case: Case, placed: placement.Placed) -> Sortie:
     )
 
 
-def _with(case: Case, sorties: Sequence[Sortie]) -> Case:
-    """Return a case in which the plan has been carried out, with outputs at the times that its
-    picture shows.
+def _with_planned_sorties(case: Case, sorties: Sequence[Sortie]) -> Case:
+    """Return the case with the planned watches and with output times for their map.
+
+    The run ends with the plan.
     """
-    every = tuple(sorted((*case.sorties, *sorties), key=lambda sortie: (sortie.start, sortie.end)))
+    all_sorties = tuple(
+        sorted((*case.sorties, *sorties), key=lambda sortie: (sortie.start, sortie.end))
+    )
     shown = [case.start, case.plan.begin, case.plan.until]
     for sortie in sorties:
         shown += [sortie.start, sortie.start + (sortie.end - sortie.start) // 2, sortie.end]
     return replace(
         case,
-        sorties=every,
+        sorties=all_sorties,
         outputs=np.unique(np.array(shown, "datetime64[s]")),
         end=case.plan.until,
     )
 
 
-def _worth(
+def _scored_plan(
     case: Case, chosen: Placement, bound: Bound, sorties: tuple[Sortie, ...], result: Result
 ) -> ArrayPlan:
-    """Return the plan with what it is worth, by the forecast in which it has been carried out."""
+    """Return the plan with its POD, taken from the forecast in which it was carried out."""
     assert result.updates is not None
     by_name = {update.name: update for update in result.updates.all}
     pos = [float(np.asarray(by_name[sortie.name].pos)[-1]) for sortie in sorties]

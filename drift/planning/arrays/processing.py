@@ -1,11 +1,11 @@
-"""Allocation of processing: which beams of which arrays to process in which slot, where processors
-are fewer than beams.
+"""Beam allocation: which beams to process in which slot if there are fewer processors than beams.
 
-It makes the weight that is heard at least once as high as it can, sum w (1 - prod (1 - p)) over the
-beams chosen. Where no particle is heard by two beams, in any slots, that is linear, and the answer
-exact (`manning.best`). Else a linear programme counts twice what two beams hear (it may find 0.49
-where 0.63 is best): beams are chosen greedily and exchanged over all slots together, from several
-starts (`choosing`), and a bound says how much any other choice could be worth (`relaxation`).
+The allocation maximises the weight that is heard at least once, sum w (1 - prod (1 - p)) over the
+chosen beams. If no particle is heard by two beams, in any slots, the objective is linear and the
+answer exact (`manning.best`). Otherwise a linear programme counts particles twice that two beams
+hear (it may find 0.49 where the optimum is 0.63). Beams are then chosen greedily and exchanged over
+all slots together, from several starts (`choosing`), with an upper bound of any choice
+(`relaxation`).
 """
 
 from dataclasses import replace
@@ -19,26 +19,31 @@ from drift.planning.arrays.relaxation import Relaxed
 from geo.array import Real
 from geo.errors import UserError
 
-# particles on which starts are tried and the bound is sought, before both are settled on all
+# particles on which starts and the bound are first computed; the final values use all particles
 SAMPLE = 10_000
-STEPS, LAST = 200, 20  # of the search for the bound, on a sample, and then on all
-GAP = 1e-4  # share of the bound at which it ends
-# chances that may be gone through to vary the choice; variations at the most
+STEPS, LAST = 200, 20  # of the search for the bound: on the sample, then on all particles
+GAP = 1e-4  # relative duality gap at which that search ends
+# table entries that may be visited to vary the choice; most variations
 EFFORT, MOST = 2e8, 200
-EACH = 500  # chances that take as long as one beam that is looked at
-SAME = 1e-9  # share of the weight within which a choice is as good as its bound
+EACH = 500  # table entries that take as long as the overhead of one beam
+SAME = 1e-9  # share of the weight within which a choice counts as equal to its bound
 FIXED = "the same beams all the time"
 ALONE = "each slot by itself"
 IN_TURN = "slot after slot"
 
 
 def allocate(hearing: Hearing, *, today: Chosen | None = None) -> Allocation:
-    """Return which beams to process when.
+    """Return the best allocation of processors to beams that is found, with its bound.
 
-    today: beams of each slot that would be processed else, told as one more alternative.
+    Args:
+        hearing: detection probabilities of all beams.
+        today: the beams of each slot in the present practice, reported as one more alternative.
+
+    Raises:
+        UserError: beams of `today` do not exist or cannot be processed together.
     """
     if today is not None:
-        _fits(hearing, today)
+        _check_today(hearing, today)
     others = {FIXED: fixed(hearing)} if hearing.slots > 1 else {}
     if hearing.slots > 1:
         others |= {
@@ -52,7 +57,7 @@ def allocate(hearing: Hearing, *, today: Chosen | None = None) -> Allocation:
     if choosing.value(hearing, linear) >= ceiling - SAME * total:
         chosen, bound = linear, ceiling
     else:
-        chosen, relaxed = _sought(hearing, [linear, *others.values()])
+        chosen, relaxed = _search(hearing, [linear, *others.values()])
         bound = min(relaxed.bound, ceiling, total)
     heard = choosing.heard(hearing, chosen)
     value = heard - choosing.costs(hearing, chosen)
@@ -72,11 +77,11 @@ def allocate(hearing: Hearing, *, today: Chosen | None = None) -> Allocation:
     )
 
 
-def _sought(hearing: Hearing, starts: list[Chosen]) -> tuple[Chosen, Relaxed]:
-    """Return the best choice that was found, and the bound."""
+def _search(hearing: Hearing, starts: list[Chosen]) -> tuple[Chosen, Relaxed]:
+    """Return the best choice that local search finds, and the relaxation's bound."""
     part = sampled(hearing)
     chosen = best(part, [choosing.greedy(part), *starts])
-    chosen = best(part, [chosen, *_varied(part, chosen)])
+    chosen = best(part, [chosen, *_variations(part, chosen)])
     share = np.zeros((hearing.slots, hearing.beams))
     for slot, beams in enumerate(chosen):
         share[slot, list(beams)] = 1
@@ -94,22 +99,20 @@ def _sought(hearing: Hearing, starts: list[Chosen]) -> tuple[Chosen, Relaxed]:
 
 
 def sampled(hearing: Hearing) -> Hearing:
-    """Return what is heard of every so many particles, at least SAMPLE; all of them where they are
-    few.
-    """
+    """Return the allocation problem on every k-th particle, at least SAMPLE of them."""
     many = len(hearing.weight)
     if many < 2 * SAMPLE:
         return hearing
-    every = np.arange(many // (2 * (many // SAMPLE)), many, many // SAMPLE)
-    weight = hearing.weight[every]
+    indices = np.arange(many // (2 * (many // SAMPLE)), many, many // SAMPLE)
+    weight = hearing.weight[indices]
     if weight.sum() == 0:
         return hearing
-    chance = tuple(table[:, every] for table in hearing.chance)
+    chance = tuple(table[:, indices] for table in hearing.chance)
     return replace(hearing, chance=chance, weight=weight * (hearing.weight.sum() / weight.sum()))
 
 
 def best(hearing: Hearing, starts: list[Chosen]) -> Chosen:
-    """Return the best that exchanges make of some choices; of equal ones the first."""
+    """Return the best result of exchanges from several starts; of equal ones the first."""
     return max(
         (choosing.exchanged(hearing, start) for start in dict.fromkeys(starts)),
         key=lambda choice: choosing.value(hearing, choice),
@@ -117,8 +120,9 @@ def best(hearing: Hearing, starts: list[Chosen]) -> Chosen:
 
 
 def fixed(hearing: Hearing) -> Chosen:
-    """Return a good choice of beams that are processed in every slot, by processors that work in
-    every slot.
+    """Return a good choice with the same beams in every slot.
+
+    Only processors that work in every slot are used.
     """
     misses = None
     with np.errstate(divide="ignore"):
@@ -141,9 +145,9 @@ def fixed(hearing: Hearing) -> Chosen:
 
 
 def gains(hearing: Hearing, chosen: Chosen) -> Real:
-    """Return what each beam adds to all others that are processed, (slots, beams);
+    """Return the weight that each beam adds to the other processed beams, (slots, beams).
 
-    NaN: no processor can serve it.
+    NaN marks beams that no processor can serve.
     """
     missed = choosing.Missed(hearing, chosen)
     added = np.empty((hearing.slots, hearing.beams))
@@ -159,7 +163,7 @@ def gains(hearing: Hearing, chosen: Chosen) -> Real:
 
 
 def by_slot(hearing: Hearing, chosen: Chosen) -> Real:
-    """Return the weight that is heard by the end of each slot, (slots,)."""
+    """Return the weight that is heard by the end of each slot, shape (slots,)."""
     missed, total = choosing.Missed(hearing, ()), float(hearing.weight.sum())
     heard = np.empty(hearing.slots)
     for slot, beams in enumerate(chosen):
@@ -170,22 +174,24 @@ def by_slot(hearing: Hearing, chosen: Chosen) -> Real:
 
 
 def shared_out(hearing: Hearing, chosen: Chosen) -> NDArray[np.intp]:
-    """Return the beam of each processor, (slots, processors), -1: idle; a processor keeps its beam
-    where it can.
+    """Return the beam of each processor, shape (slots, processors), -1: idle.
+
+    Processors keep their beam from slot to slot if possible.
     """
-    given = np.full(hearing.manned.shape, -1, np.intp)
-    before = np.full(len(hearing.serves), -1, np.intp)
+    assigned = np.full(hearing.manned.shape, -1, np.intp)
+    previous = np.full(len(hearing.serves), -1, np.intp)
     for slot, beams in enumerate(chosen):
         works = np.flatnonzero(hearing.manned[slot])
-        last = tuple(before[works].tolist())
-        given[slot, works] = manning.shared_out(beams, hearing.array, hearing.crew(slot), last)
-        before = np.where(given[slot] >= 0, given[slot], before)
-    return given
+        last = tuple(previous[works].tolist())
+        assigned[slot, works] = manning.shared_out(beams, hearing.array, hearing.crew(slot), last)
+        previous = np.where(assigned[slot] >= 0, assigned[slot], previous)
+    return assigned
 
 
 def _linear(hearing: Hearing) -> tuple[Chosen, float]:
-    """Return the best choice if nothing were heard twice, and what it would be worth then: no
-    choice is worth more.
+    """Return the optimum of the linear objective, and an upper bound of every choice.
+
+    The linear objective counts particles once for every beam that hears them.
     """
     chosen, ceiling = [], 0.0
     for slot, table in enumerate(hearing.chance):
@@ -196,9 +202,10 @@ def _linear(hearing: Hearing) -> tuple[Chosen, float]:
     return tuple(chosen), ceiling * (1 + SAME)
 
 
-def _varied(hearing: Hearing, chosen: Chosen) -> list[Chosen]:
-    """Return greedy choices that begin with another beam, or do without one of those chosen: as
-    many as there is time for.
+def _variations(hearing: Hearing, chosen: Chosen) -> list[Chosen]:
+    """Return greedy choices that start with another beam, or leave out a chosen one.
+
+    Their number is limited by the work that each one takes.
     """
     looks = hearing.slots * hearing.beams * (1 + sum(map(len, chosen)))
     work = 10 * sum(table.nnz for table in hearing.chance) + EACH * looks
@@ -223,14 +230,14 @@ def _varied(hearing: Hearing, chosen: Chosen) -> list[Chosen]:
 
 
 def _rounded(hearing: Hearing, share: Real) -> Chosen:
-    """Return the beams of the highest shares that fit together."""
+    """Return the feasible beams of the highest shares in each slot."""
     return tuple(
         manning.best(row, hearing.array, hearing.crew(slot)) for slot, row in enumerate(share)
     )
 
 
-def _fits(hearing: Hearing, today: Chosen) -> None:
-    """Refuse beams of today that there are not, or that the processors cannot process together."""
+def _check_today(hearing: Hearing, today: Chosen) -> None:
+    """Raise UserError if beams of today do not exist or cannot be processed together."""
     if len(today) != hearing.slots:
         raise UserError(f"processing.today: {len(today)} slots of beams for {hearing.slots} slots")
     for slot, beams in enumerate(today):

@@ -1,6 +1,4 @@
-"""What a plan of processing hands out: its table for people and for programs, its figures and its
-timeline.
-"""
+"""Output files of a beam allocation: tables, numbers and a timeline chart."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,13 +15,14 @@ from drift.products.report.leaves import Leaf
 
 @dataclass(frozen=True)
 class ProcessingOutputs:
-    """What the files and the picture are made from."""
+    """What the output files and the chart of a beam allocation are made from."""
 
     plan: Any  # a drift.planning.arrays.processing_plan.ProcessingPlan
     setting: Setting
 
 
 def _text(matter: ProcessingOutputs, stamped: Stamped) -> str:
+    """Return processing.txt."""
     plan = matter.plan
     title, run = matter.setting.imprint.title, stamped["run_id"]
     return processing_text.processing_as_text(
@@ -32,12 +31,14 @@ def _text(matter: ProcessingOutputs, stamped: Stamped) -> str:
 
 
 def _csv(matter: ProcessingOutputs, stamped: Stamped) -> str:
+    """Return processing.csv."""
     plan = matter.plan
     return processing_text.csv(plan.allocation, plan.hearing, plan.names, stamped["run_id"])
 
 
 def _picture(matter: ProcessingOutputs, path: Path) -> None:
     # here: Matplotlib takes a second to import
+    """Draw processing.png."""
     from drift.planning.arrays import map as processing_map
 
     plan = matter.plan
@@ -61,7 +62,7 @@ PICTURES: dict[str, Callable[[ProcessingOutputs, Path], None]] = {
 
 
 def chapter(matter: ProcessingOutputs) -> OutputBundle:
-    """Return the chapter of a plan of processing."""
+    """Return the output files of a beam allocation."""
     numbers = processing_text.plan_numbers(matter.plan)
     return OutputBundle(
         {"processing": {key: value for key, value in numbers.items() if key != "slots"}},
@@ -72,4 +73,5 @@ def chapter(matter: ProcessingOutputs) -> OutputBundle:
 
 
 def _leaves(matter: ProcessingOutputs) -> list[Leaf]:
+    """Return the allocation's page of the report."""
     return [leaves.text_leaf("Processing", file="processing.txt")]

@@ -1,9 +1,9 @@
-"""The next use of scarce processing: which beams of which arrays to process in which slot.
+"""Plan which beams of which arrays to process in each slot.
 
-Beams are chosen on particles of their own (drift.planning.search.follow), as a plan's areas and
-ways are. What the choice is worth is told of all of these particles, with each array's fluctuation
-carried from slot to slot; the forecast beside it is that of the case as it is, or, where ships that
-tow arrays are placed by the same plan, of their hearing nothing.
+Beams are chosen on separate planning particles (drift.planning.search.follow), like search areas
+and towing ways. The POD is computed on all of these particles, with each array's fluctuation
+carried from slot to slot. The forecast beside the plan is that of the case as it is. If the same
+plan places ships that tow arrays, it is the forecast given that they hear nothing.
 """
 
 import os
@@ -32,23 +32,23 @@ from kernels.maths import noise
 from kernels.maths.noise import Purpose
 
 MOST = 10_000  # particles on which beams are chosen
-PAIRS = 30_000_000  # of a particle and a beam in a slot: with more, fewer particles are taken, but
-FEWEST = 1000
+PAIRS = 30_000_000  # most entries (particle, beam, slot): particles are reduced to this number
+FEWEST = 1000  # but never below this
 
 
 @dataclass(frozen=True, eq=False)
 class ProcessingPlan:
-    """Which beams are to be processed when, and what that is worth."""
+    """A beam allocation and its probability of detection."""
 
     allocation: Allocation
     hearing: Hearing
     names: Names
-    # probability that the target is heard at least once, fluctuations carried from slot to slot
+    # probability that the target is heard at least once; fluctuations carry over between slots
     pod: float
     standard_error: float  # of `pod`, as a mean over particles
-    particles: int  # of which it is told
-    made_on: int  # particles on which beams were chosen
-    towed: ArrayPlan | None = None  # of the ships that were placed first
+    particles: int  # on which `pod` is computed
+    made_on: int  # number of particles on which beams were chosen
+    towed: ArrayPlan | None = None  # plan of the ships that were placed first
 
 
 @serialized
@@ -57,11 +57,10 @@ def allocate(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[RunOptions],
 ) -> tuple[ProcessingPlan, Result]:
-    """Plan which beams of a case's arrays to process when; with `out`, write it and a forecast.
+    """Plan which beams of a case's arrays to process when.
 
-    Ships of the case that tow arrays are placed first, and their plan is written too.
-
-    The folder is written completely or not at all, with the forecast of the plan's failure.
+    Ships of the case that tow arrays are placed first, and their plan is written too. With `out`,
+    the plan is written together with a forecast.
 
     Args:
         case: of `drift.load` or `drift.vary`.
@@ -69,13 +68,13 @@ def allocate(
         **options: as in `drift.run`.
 
     Returns:
-        The plan and the forecast: beams by period, probability of detection (0 to 1) with a bound
-            and what other choices are worth;
-        the `drift.Result` as if nothing was heard.
+        The plan and the forecast. The plan has beams by slot, the probability of detection (0 to
+            1), a bound and the value of other choices; the forecast is the `drift.Result` given
+            that nothing is heard.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): the case has
-            no `[plan.processing]`, or what `drift.run` rejects.
+        UserError: the case has no `[plan.processing]`, or `drift.run` rejects it; one line for each
+            mistake (`error.lines`).
     """
     asked = case.processing
     if asked is None:
@@ -115,9 +114,7 @@ def allocate(
 
 
 def refuse_crowds(asked: Processing) -> None:
-    """Raise UserError where some of the processors that work at a time have fewer beams than they
-    are.
-    """
+    """Raise UserError if processors of a slot outnumber the beams that they can serve."""
     for slot, works in enumerate(asked.manned):
         crew = tuple(tuple(row) for row in asked.serves[works].tolist())
         over = manning.surplus(crew, asked.beams) if crew else None
@@ -129,7 +126,7 @@ def refuse_crowds(asked: Processing) -> None:
 
 
 def placed(asked: Processing, towed: ArrayPlan) -> Processing:
-    """Return what is asked for with the ways of ships that have been placed."""
+    """Return the processing options with the ways of the ships that were placed."""
     each = zip(towed.placement.placed, towed.sorties, strict=True)
     legs = {one.sea.tow.name: sortie.legs for one, sortie in each}
     listeners = tuple(
@@ -139,13 +136,13 @@ def placed(asked: Processing, towed: ArrayPlan) -> Processing:
 
 
 def _shown(case: Case) -> Case:
-    """Return the case until the plan's end, with outputs at its begin and end."""
+    """Return the case up to the plan's end, with outputs at its begin and end."""
     shown = [case.start, case.plan.begin, case.plan.until]
     return replace(case, outputs=np.unique(np.array(shown, "datetime64[s]")), end=case.plan.until)
 
 
 def _allocated(job: Job, asked: Processing) -> ProcessingPlan:
-    """Return the plan of processing."""
+    """Return the beam allocation of a case."""
     case = job.case
     with job.clock.phase("follow"):
         tracks = follow.follow(case, job.where)
@@ -167,7 +164,13 @@ def _allocated(job: Job, asked: Processing) -> ProcessingPlan:
 
 
 def hearing(asked: Processing, field: beams.Field, chances: Sequence[Any]) -> Hearing:
-    """Return what is heard of particles, and by whom it can be processed."""
+    """Return the allocation problem of a case.
+
+    Args:
+        asked: processors and listeners of the case.
+        field: arrays and particles.
+        chances: for each slot, probability that each beam hears each particle, (particles, beams).
+    """
     cost = np.full((len(chances), len(field.array)), asked.cost)
     return records.hearing(
         chances,
@@ -181,7 +184,7 @@ def hearing(asked: Processing, field: beams.Field, chances: Sequence[Any]) -> He
 
 
 def called(asked: Processing) -> Names:
-    """Return what arrays, beams and processors are called."""
+    """Return the names of arrays, beams and processors."""
     looks = [name for listener in asked.listeners for name in beams.looks(listener)]
     return Names(
         tuple(listener.name for listener in asked.listeners),
@@ -192,10 +195,10 @@ def called(asked: Processing) -> Names:
 
 
 def today_of(asked: Processing) -> Chosen | None:
-    """Return the beams of today in every slot, as many as have processors there, in the order of
-    the arrays.
+    """Return the beams of present practice in each slot; None if the case gives none.
 
-    Raises UserError where they have none even when all work.
+    A slot with fewer processors keeps the first of them, in the order of the arrays. Raises
+    UserError if the beams have no processors even when all work.
     """
     if asked.today is None:
         return None

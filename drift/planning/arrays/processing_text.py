@@ -1,6 +1,7 @@
-"""An allocation of processing as a table for people, and as rows for programs.
+"""Text outputs of a beam allocation: a table for people and rows for programs.
 
-Plain ASCII of at most 78 columns but for names, as plans are: it goes by mail, telex or radio.
+The table is plain ASCII of at most 78 columns except for names, because it goes by mail, telex or
+radio.
 """
 
 import math
@@ -16,8 +17,8 @@ from geo import notation
 
 WIDE = 78
 HEADER = ("date_time_group", "time", "end", "processor", "array", "beam", "gain", "heard", "run_id")
-SHOWN = 8  # slots that a terminal is told
-BEST_LEFT = 3  # beams that are not processed, of which it is told what they would add
+SHOWN = 8  # most slots printed in a terminal
+BEST_LEFT = 3  # best unprocessed beams that are listed
 
 
 def processing_as_text(
@@ -28,9 +29,15 @@ def processing_as_text(
     run: str,
     notes: Sequence[str] = (),
 ) -> str:
-    """Return the table: what it is worth, and slot by slot what each processor works on.
+    """Return the allocation as text: its value, and each processor's beam by slot.
 
-    notes: the first two stand above all that it is worth, the others at the end.
+    Args:
+        allocation: which beams are processed when.
+        hearing: detection probabilities of all beams.
+        names: of arrays, beams and processors.
+        title: of the case.
+        run: id of the run.
+        notes: the first two head the section on the value, the others stand at the end.
     """
     lines = ["PROCESSING", *_fill(title), f"Run {run}. Times are UTC.", "", "1  WORTH"]
     lines += [
@@ -43,7 +50,7 @@ def processing_as_text(
     lines += [
         "",
         "2  SLOTS",
-        *_fill("Gain: the chance of being heard that would be lost without the beam.", 3),
+        *_fill("Gain: probability of detection that would be lost without the beam.", 3),
     ]
     last: tuple[int, ...] | None = None
     for slot, row in enumerate(allocation.processing.tolist()):
@@ -71,7 +78,7 @@ def processing_as_text(
 
 
 def worth(allocation: Allocation) -> str:
-    """Return in a line what an allocation is worth, and what none could exceed."""
+    """Return one line with the allocation's value and its upper bound."""
     value = f"Heard at least once: {share_of(allocation.heard, allocation):.3f}"
     cost = allocation.heard - allocation.value
     if cost > 0:
@@ -82,8 +89,9 @@ def worth(allocation: Allocation) -> str:
 
 
 def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str:
-    """Return a row for each beam that is processed, by slot and processor; gain and heard are
-    shares of the weight.
+    """Return a CSV row for each processed beam, by slot and processor.
+
+    The columns `gain` and `heard` are shares of the total weight.
     """
     rows: list[list[Any]] = []
     for slot, row in enumerate(allocation.processing.tolist()):
@@ -102,7 +110,7 @@ def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str
 
 
 def summary_of_processing(allocation: Allocation, hearing: Hearing, names: Names) -> dict[str, Any]:
-    """Return what a summary holds of an allocation; all are shares of the weight."""
+    """Return the allocation as JSON data; all values are shares of the total weight."""
     return {
         "heard": share_of(allocation.heard, allocation),
         "value": share_of(allocation.value, allocation),
@@ -127,9 +135,7 @@ def summary_of_processing(allocation: Allocation, hearing: Hearing, names: Names
 
 
 def pod(plan: Any) -> str:
-    """Return in a line what a plan is worth as a run would compute it; plan: a
-    drift.planning.arrays.processing_plan.ProcessingPlan.
-    """
+    """Return one line with the POD of a ProcessingPlan, as a run would compute it."""
     return (
         f"POD {notation.percent(plan.pod)} +- {notation.percent(plan.standard_error)} on the {plan.particles:,} tracks of the plan, fluctuations carried from "
         "slot to slot"
@@ -137,20 +143,20 @@ def pod(plan: Any) -> str:
 
 
 def begun_anew(plan: Any) -> str:
-    """Return in a line what a plan is worth if every slot is begun again, and the bound of that."""
+    """Return one line with the value and bound if each slot starts afresh."""
     return f"Each slot by itself, h{worth(plan.allocation)[1:]}"
 
 
 def notes(plan: Any) -> list[str]:
-    """Return what must be known to read a plan, its POD first."""
+    """Return the notes for readers of a plan, the POD first."""
     return [
         f"{pod(plan)}.",
-        f"What follows is of the {plan.made_on:,} of these tracks on which beams were chosen, each slot by itself.",
-        "Each slot by itself: as if no sensor had listened before. So gains, what is heard by a slot's end, the bound and the "
-        "alternatives are too high where levels fluctuate more slowly than slots follow one another; POD is not. Beams of an array "
-        "share its fluctuation, and of those processed in a slot the best counts; arrays miss apart.",
-        "POD: that the target is heard at least once, on tracks drawn for planning, given all that the case knows. Beams were chosen on "
-        "these, or some of them; it is not of the particles of the forecast beside it.",
+        f"All other numbers: each slot by itself, on the {plan.made_on:,} of these tracks on which beams were chosen.",
+        "Each slot by itself: as if no sensor had listened before. If levels fluctuate more slowly than slots change, gains, the "
+        "probability by a slot's end, the bound and the alternatives are too high; POD is not. Beams of an array share its "
+        "fluctuation: of those processed in a slot only the best counts. Different arrays miss independently.",
+        "POD: probability that the target is heard at least once, given all that the case knows. It is computed on tracks drawn for "
+        "planning, not on the particles of the forecast; beams were chosen on the same tracks or some of them.",
         "Beams: R is relative to the array's heading, T true. A line cannot distinguish port from starboard: its beam hears both "
         "sides.",
         "An unknown that a group of sensors shares is drawn once for each track.",
@@ -158,7 +164,7 @@ def notes(plan: Any) -> list[str]:
 
 
 def plan_numbers(plan: Any) -> dict[str, Any]:
-    """Return a plan for programs."""
+    """Return a plan as JSON data."""
     return {
         "pod": plan.pod,
         "pod_standard_error": plan.standard_error,
@@ -169,36 +175,37 @@ def plan_numbers(plan: Any) -> dict[str, Any]:
 
 
 def processing_facts(plan: Any) -> dict[str, str]:
-    """Return a plan in a few lines for a terminal."""
+    """Return a plan as a few labelled lines for a terminal."""
     allocation, hearing, names = plan.allocation, plan.hearing, plan.names
-    told = {"plan": pod(plan), "chosen": begun_anew(plan)}
+    rows = {"plan": pod(plan), "chosen": begun_anew(plan)}
     for slot, row in enumerate(allocation.processing[:SHOWN].tolist()):
-        words = [
+        beams = [
             f"{names.processors[k]} {called(beam, hearing, names)}"
             for k, beam in enumerate(row)
             if beam >= 0
         ]
-        told[names.begins(slot)] = "; ".join(words) or "no beam"
+        rows[names.begins(slot)] = "; ".join(beams) or "no beam"
     if hearing.slots > SHOWN:
-        told["later"] = f"{hearing.slots - SHOWN} more slots"
+        rows["later"] = f"{hearing.slots - SHOWN} more slots"
     for other in sorted(allocation.alternatives, key=lambda other: -other.value):
-        told[f"else, {other.name}"] = (
+        rows[f"else, {other.name}"] = (
             f"{share_of(other.value, allocation):.3f}, {_less(allocation, other.value)}"
         )
-    return told
+    return rows
 
 
 def called(beam: int, hearing: Hearing, names: Names) -> str:
-    """Return what a beam is called, with its array."""
+    """Return a beam's name with that of its array."""
     return f"{names.arrays[hearing.array[beam]]} {names.beams[beam]}"
 
 
 def share_of(value: float, allocation: Allocation) -> float:
-    """Return a weight as a share of all."""
+    """Return a weight as a share of the total weight."""
     return value / allocation.weight
 
 
 def _less(allocation: Allocation, value: float) -> str:
+    """Return how much less (or more) an alternative is worth."""
     difference = (allocation.value - value) / allocation.weight
     return (
         "as much"
@@ -208,6 +215,7 @@ def _less(allocation: Allocation, value: float) -> str:
 
 
 def _idle(works: bool) -> str:
+    """Return the text for a processor without a beam."""
     return "idle: no beam adds anything" if works else "off"
 
 
@@ -226,11 +234,12 @@ def _left(allocation: Allocation, hearing: Hearing, names: Names) -> str:
 
 
 def _up(share: float) -> float:
-    """Return a bound to three digits, not rounded down."""
+    """Return a bound rounded up to three digits."""
     return min(math.ceil(share * 1000 - 1e-9) / 1000, 1.0)
 
 
 def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
+    """Return a paragraph wrapped to the page width."""
     rest = " " * (indent if hang is None else hang)
     return textwrap.wrap(
         words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False

@@ -1,7 +1,7 @@
-"""Records of what arrays hear and of what of it is processed.
+"""Records of the beam allocation: detection probabilities, processors and the result.
 
-Beams of all arrays stand in one axis, by array. A slot is a stretch of time in which a processor
-works on one beam.
+Beams of all arrays share one axis, ordered by array. A slot is an interval of time in which a
+processor works on one beam.
 """
 
 from collections.abc import Sequence
@@ -23,16 +23,15 @@ Chosen = tuple[tuple[int, ...], ...]  # of each slot the beams that are processe
 
 @dataclass(frozen=True, eq=False)
 class Hearing:
-    """What each beam would hear if it were processed, and what can process it; `hearing` makes and
-    checks one.
+    """Detection probabilities of all beams, and which processor can serve them.
 
-    A particle that several beams hear, in one slot or in several, is missed by each of them
-    independently; but of beams that share a level in a slot (those of one array, on which a target
-    is as loud in each) only the best counts. What slots fail in together (a level that fluctuates
-    slowly) belongs into the chances of longer ones.
+    Create one with `hearing`, which checks it. Beams miss a particle independently, in one slot and
+    in different slots. The exception: of beams that share a level in a slot (those of one array,
+    because the target is equally loud in each), only the best counts. A correlation between slots
+    (a level that fluctuates slowly) must be part of the probabilities of longer slots.
     """
 
-    # of each slot, CSR float32 (beams, particles): that a particle is heard
+    # for each slot, CSR float32 (beams, particles): probability that a particle is heard
     chance: tuple[Any, ...]
     weight: Real  # (particles,), at least 0
     array: NDArray[np.intp]  # (beams,) number of the array
@@ -52,13 +51,13 @@ class Hearing:
         return len(self.array)
 
     def crew(self, slot: int) -> Crew:
-        """Return which arrays each processor can serve that works in a slot."""
+        """Return which arrays each processor that works in a slot can serve."""
         return tuple(tuple(row) for row in self.serves[self.manned[slot]].tolist())
 
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
-    """Another way to use the processors, and what it is worth."""
+    """Another use of the processors, and its value."""
 
     name: str
     beams: Chosen
@@ -67,14 +66,14 @@ class Alternative:
 
 @dataclass(frozen=True, eq=False)
 class Allocation:
-    """Which beams are processed when."""
+    """Which beams are processed when, and the weight that is heard."""
 
     processing: NDArray[np.intp]  # (slots, processors) beam; -1: idle
     heard: float  # weight that is heard at least once
     value: float  # the same, less what the beams cost
     bound: float  # no choice of beams is worth more
-    exact: bool  # whether none is worth more than this one, by proof
-    # (slots, beams): what a beam adds to all others that are processed, costs not taken off; NaN:
+    exact: bool  # whether this choice is proved to be the best
+    # (slots, beams): weight that a beam adds to the other processed ones, before costs; NaN: it
     # cannot be processed
     gain: Real
     by_slot: Real  # (slots,) weight that is heard by the end of each slot
@@ -83,7 +82,7 @@ class Allocation:
 
     @property
     def chosen(self) -> Chosen:
-        """Of each slot the beams that are processed."""
+        """The beams that are processed in each slot."""
         return tuple(
             tuple(sorted(int(beam) for beam in row if beam >= 0)) for row in self.processing
         )
@@ -91,26 +90,32 @@ class Allocation:
 
 @dataclass(frozen=True)
 class Names:
-    """What people call arrays, beams and processors, and when slots begin and end."""
+    """Names of arrays, beams and processors, and the times of slots."""
 
     arrays: tuple[str, ...]
-    # of the axis of beams: its name within its array, such as where it looks
+    # by beam: its name within its array, such as its bearing
     beams: tuple[str, ...]
     processors: tuple[str, ...]
     edges: NDArray[np.datetime64] = field(compare=False)  # (slots + 1,) UTC
 
     def begins(self, slot: int) -> str:
-        """Return the date-time group at which a slot begins."""
+        """Return the date-time group of a slot's begin."""
         return notation.format_dtg(self.edges[slot])
 
 
 def names(hearing: Hearing, start: np.datetime64, slot: float) -> Names:
-    """Return names by number, for slots of a length [s] from a start."""
-    within: dict[int, int] = {}
+    """Return numbered names for slots of equal length.
+
+    Args:
+        hearing: the allocation problem.
+        start: begin of the first slot.
+        slot: length of a slot [s].
+    """
+    counts: dict[int, int] = {}
     beams = []
     for array in hearing.array.tolist():
-        within[array] = within.get(array, 0) + 1
-        beams.append(f"beam {within[array]}")
+        counts[array] = counts.get(array, 0) + 1
+        beams.append(f"beam {counts[array]}")
     edges = start.astype("datetime64[s]") + np.round(np.arange(hearing.slots + 1) * slot).astype(
         "timedelta64[s]"
     )
@@ -132,20 +137,28 @@ def hearing(
     cost: Array | None = None,
     shared: Sequence[int] | Array | None = None,
 ) -> Hearing:
-    """Return what is heard, checked; raise UserError for all that is wrong with it.
+    """Return a checked allocation problem.
 
-    chance: of each slot, (particles, beams), dense or sparse. weight: (particles,). array: (beams,)
-    numbers from 0. processors: how many, each for any array; or (processors, arrays) whether a
-    processor can serve an array. manned: (slots, processors); None: all work in every slot. cost:
-    (slots, beams); None: nothing. shared: (beams,) numbers of levels that beams share; None: each
-    has its own.
+    Args:
+        chance: for each slot the probability that each beam hears each particle, shape (particles,
+            beams), dense or sparse.
+        weight: of the particles, shape (particles,).
+        array: index of each beam's array from 0, shape (beams,).
+        processors: number of processors, each for any array; or whether a processor can serve an
+            array, shape (processors, arrays).
+        manned: whether a processor works in a slot, shape (slots, processors); None: always.
+        cost: in units of weight, shape (slots, beams); None: 0.
+        shared: index of the level that beams share, shape (beams,); None: each has its own.
+
+    Raises:
+        UserError: one line for each mistake.
     """
     arrays = np.asarray(array, np.intp)
     if arrays.ndim != 1 or len(arrays) == 0 or len(chance) == 0:
         raise UserError("processing: no beam or no time slot: there must be at least one of each")
     if arrays.min() < 0:
         raise UserError(
-            f"processing.array: {arrays.min()} is no number of an array: they count from 0"
+            f"processing.array: {arrays.min()} is no index of an array: they count from 0"
         )
     serves = (
         np.ones((processors, int(arrays.max()) + 1), bool)
@@ -190,7 +203,7 @@ def hearing(
 
 
 def _shapes(slots: int, array: Array, serves: Array, manned: Array, cost: Array) -> list[str]:
-    """Return what is wrong with tables by slot."""
+    """Return error messages about tables by slot."""
     wrong = []
     if manned.shape != (slots, len(serves)):
         wrong.append(
@@ -201,12 +214,14 @@ def _shapes(slots: int, array: Array, serves: Array, manned: Array, cost: Array)
             f"processing.cost: shape {cost.shape}, not (slots, beams) = ({slots}, {len(array)})"
         )
     elif not (np.isfinite(cost).all() and (cost >= 0).all()):
-        wrong.append(f"processing.cost: {cost.min():g} is no cost: each is finite and at least 0")
+        wrong.append(
+            f"processing.cost: {cost.min():g} is no cost: costs must be finite and at least 0"
+        )
     return wrong
 
 
 def _weights(weight: Real) -> list[str]:
-    """Return what is wrong with the weights of particles."""
+    """Return error messages about the weights."""
     if weight.ndim != 1 or not np.isfinite(weight).all():
         return [
             f"processing.weight: {np.count_nonzero(~np.isfinite(weight))} are not finite, shape {weight.shape}"
@@ -216,12 +231,12 @@ def _weights(weight: Real) -> list[str]:
             f"processing.weight: {np.count_nonzero(weight < 0)} are negative, such as {weight.min():g}"
         ]
     return (
-        [] if weight.sum() > 0 else ["processing.weight: all are 0: nothing is there to be heard"]
+        [] if weight.sum() > 0 else ["processing.weight: all are 0; at least one must be positive"]
     )
 
 
 def _surplus(heard: Hearing) -> None:
-    """Refuse processors that have no beam left to work on."""
+    """Raise UserError if processors outnumber the beams that they can serve."""
     many = np.bincount(heard.array, minlength=heard.serves.shape[1])
     for slot in range(heard.slots):
         over = manning.surplus(heard.crew(slot), tuple(many.tolist()))

@@ -1,4 +1,4 @@
-"""Ways on which a ship may tow its array: one leg or two, from a place where it may begin."""
+"""Candidate ways of a ship that tows an array: one or two legs from a start area."""
 
 import math
 from collections.abc import Callable
@@ -16,30 +16,30 @@ from geo.array import Array
 from geo.box import Box
 from geo.polyline import Area, Legs
 
-LEAST_TIME = 1800.0  # [s] of listening, without which a way is none
+LEAST_TIME = 1800.0  # [s] shortest time of listening of a way
 
 
 @dataclass(frozen=True)
 class Ways:
-    """Candidates (c)."""
+    """Candidate ways (c)."""
 
-    lon: Array  # [rad] where it begins
+    lon: Array  # [rad] of the start
     lat: Array
-    course: Array  # [rad] true, at the begin of the first leg
-    second: Array  # [rad] at the begin of the second
+    course: Array  # [rad] true, at the start of the first leg
+    second: Array  # [rad] true, at the start of the second leg
     turn: Array  # share of the way after which it turns; 1: one leg
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of ways."""
         return len(self.lon)
 
     def take(self, which: Array) -> "Ways":
-        """Return some of them."""
+        """Return the ways with these indices."""
         return Ways(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
 
 def join_ways(some: list[Ways]) -> Ways:
-    """Return all of them."""
+    """Return the ways of several sets in one."""
     return Ways(
         *(
             np.concatenate([getattr(ways, name) for ways in some])
@@ -61,27 +61,32 @@ class Sea:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """The middle [rad] of where it may begin."""
+        """Centre [rad] of the start area."""
         return self.begins.lon, self.begins.lat
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """An area on the plane about its middle, in which distances and bearings from there are true."""
+    """An area on a plane about a centre; distances and bearings from there are true."""
 
     lon: float  # [rad]
     lat: float
     shape: shapely.Geometry  # [m] east and north
 
     def holds(self, lon: Array, lat: Array) -> NDArray[np.bool_]:
-        """Return which positions [rad] lie in it, any shape."""
+        """Return which positions [rad] lie in the area, any shape."""
         return np.asarray(
             shapely.contains_xy(self.shape, *sphere.offset(self.lon, self.lat, lon, lat))
         )
 
 
 def region(area: Area, about: tuple[float, float] | None = None) -> Region:
-    """Return an area on a plane; about: the middle of another [rad]."""
+    """Return an area on a plane.
+
+    Args:
+        area: its corners [deg].
+        about: centre of the plane [rad]; None: the area's own.
+    """
     lon, lat, _ = sensor_path.ring(area)
     at = about or (math.radians(lon), math.radians(lat))
     corners = np.radians(np.array(area.ring))
@@ -92,13 +97,24 @@ def region(area: Area, about: tuple[float, float] | None = None) -> Region:
 
 
 def sea(tow: Tow, begin: float, until: float) -> Sea:
-    """Return where and when a ship may tow between two times [s since 1970]."""
+    """Return where and when a ship may tow.
+
+    Args:
+        tow: the ship and its limits.
+        begin: of the plan [s since 1970].
+        until: end of the plan [s since 1970].
+    """
     allowed = region(tow.allowed) if tow.allowed is not None else None
     return Sea(tow, max(begin, float(notation.epoch(tow.ready))), until, region(tow.begin), allowed)
 
 
 def ashore(sea: Sea, lands: Callable[[Box], Any]) -> Sea:
-    """Return where and when a ship may tow off a coast; lands: gives its polygons [deg] in a box."""
+    """Return a ship's sea with the land that it must avoid.
+
+    Args:
+        sea: where and when the ship may tow.
+        lands: returns the land polygons [deg] in a box.
+    """
     reach = sea.tow.speed * min(max(sea.until - sea.begin, 0.0), sea.tow.endurance)
     west, south, east, north = sea.begins.shape.bounds
     x, y = (
@@ -107,28 +123,28 @@ def ashore(sea: Sea, lands: Callable[[Box], Any]) -> Sea:
     )
     lon, lat = (v.ravel() for v in sphere.destination(*sea.middle, *np.meshgrid(x, y)))
     centre = math.degrees(sea.middle[0])
-    off = np.degrees(sphere.wrap(lon - sea.middle[0]))
+    east_of_centre = np.degrees(sphere.wrap(lon - sea.middle[0]))
     box = Box(
-        centre + float(off.min()),
+        centre + float(east_of_centre.min()),
         float(np.degrees(lat.min())),
-        centre + float(off.max()),
+        centre + float(east_of_centre.max()),
         float(np.degrees(lat.max())),
     )
-    flat = [
+    projected = [
         shapely.transform(
             polygon, lambda xy: np.column_stack(sphere.offset(*sea.middle, *np.radians(xy).T))
         )
         for polygon in lands(box)
     ]
-    if not flat:
+    if not projected:
         return sea
-    land = shapely.union_all([shapely.make_valid(polygon) for polygon in flat])
+    land = shapely.union_all([shapely.make_valid(polygon) for polygon in projected])
     shapely.prepare(land)
     return replace(sea, land=land)
 
 
 def on_course(tow: Tow, course: Array) -> NDArray[np.bool_]:
-    """Return which courses [rad] a ship may steer."""
+    """Return which courses [rad] the ship may steer."""
     if tow.courses is None:
         return np.ones(np.shape(course), bool)
     low, high = tow.courses
@@ -136,7 +152,7 @@ def on_course(tow: Tow, course: Array) -> NDArray[np.bool_]:
 
 
 def span(sea: Sea, ways: Ways) -> tuple[Array, Array]:
-    """Return from when to when [s since 1970] each way is listened on (c,)."""
+    """Return begin and end of listening [s since 1970] of each way, each of shape (c,)."""
     begin = np.full(len(ways), sea.begin)
     if sea.tow.base is not None:
         far = sphere.distance(
@@ -147,29 +163,43 @@ def span(sea: Sea, ways: Ways) -> tuple[Array, Array]:
 
 
 def ships_at(sea: Sea, ways: Ways, time: Array) -> tuple[Array, Array]:
-    """Return where each is (c, e) [rad] at times [s since 1970] (e,); before its begin there, after
-    its end where it ended.
+    """Return the ship's position on each way at some times.
+
+    Before the begin of a way it is at its start, after the end of the way at its last position.
+
+    Args:
+        sea: where and when the ship may tow.
+        ways: candidate ways (c).
+        time: [s since 1970], shape (e,).
+
+    Returns:
+        Longitude and latitude [rad], each of shape (c, e).
     """
     begin, end = span(sea, ways)
-    whole = np.maximum(end - begin, 0.0) * sea.tow.speed
+    way_length = np.maximum(end - begin, 0.0) * sea.tow.speed
     gone = (
         np.clip(time - begin[:, None], 0.0, np.maximum(end - begin, 0.0)[:, None]) * sea.tow.speed
     )
-    first = np.minimum(gone, (ways.turn * whole)[:, None])
-    lon, lat = _from(ways.lon[:, None], ways.lat[:, None], ways.course[:, None], first)
-    corner = _from(ways.lon, ways.lat, ways.course, ways.turn * whole)
-    after = _from(corner[0][:, None], corner[1][:, None], ways.second[:, None], gone - first)
+    first = np.minimum(gone, (ways.turn * way_length)[:, None])
+    lon, lat = _advance(ways.lon[:, None], ways.lat[:, None], ways.course[:, None], first)
+    corner = _advance(ways.lon, ways.lat, ways.course, ways.turn * way_length)
+    after = _advance(corner[0][:, None], corner[1][:, None], ways.second[:, None], gone - first)
     beyond = gone > first
     return np.where(beyond, after[0], lon), np.where(beyond, after[1], lat)
 
 
-def _from(lon: Array, lat: Array, course: Array, distance: Array) -> tuple[Array, Array]:
+def _advance(lon: Array, lat: Array, course: Array, distance: Array) -> tuple[Array, Array]:
+    """Return the position [rad] after a distance [m] on a course [rad]."""
     return sphere.destination(lon, lat, distance * np.sin(course), distance * np.cos(course))
 
 
 def possible(sea: Sea, ways: Ways, time: Array) -> NDArray[np.bool_]:
-    """Return which ways keep to all that is asked of them (c,); time: at which they are looked at
-    [s since 1970].
+    """Return which ways respect areas, courses, coast and the shortest time, shape (c,).
+
+    Args:
+        sea: where and when the ship may tow.
+        ways: candidate ways (c).
+        time: when the position is checked against the allowed area [s since 1970], shape (e,).
     """
     tow = sea.tow
     begin, end = span(sea, ways)
@@ -187,18 +217,19 @@ def possible(sea: Sea, ways: Ways, time: Array) -> NDArray[np.bool_]:
     if sea.allowed is not None:
         good[which] &= sea.allowed.holds(lon, lat).all(axis=1)
     if sea.land is not None and which.size:
-        x, y = sphere.offset(*sea.middle, *ships_at(sea, some, _corners(sea, some, time)))
+        x, y = sphere.offset(*sea.middle, *ships_at(sea, some, _check_times(sea, some, time)))
         lines = shapely.linestrings(np.stack([x, y], axis=2))
         good[which] &= ~shapely.intersects(sea.land, lines)
     return good
 
 
-def _corners(sea: Sea, ways: Ways, time: Array) -> Array:
+def _check_times(sea: Sea, ways: Ways, time: Array) -> Array:
+    """Return the times [s since 1970] at which ways are tested for land."""
     return np.linspace(time[0], time[-1], 25)
 
 
 def legs(sea: Sea, ways: Ways, number: int) -> Legs:
-    """Return one of them as it is to be sailed: its begin, its turn and its end."""
+    """Return the legs of one way: its start, turn and end."""
     one = ways.take(np.array([number]))
     begin, end = (float(x[0]) for x in span(sea, one))
     turn = begin + float(one.turn[0]) * (end - begin)
@@ -214,5 +245,5 @@ def legs(sea: Sea, ways: Ways, number: int) -> Legs:
 
 
 def straight(ways: Ways) -> Ways:
-    """Return them with one leg each."""
+    """Return the ways without their turn, as one leg each."""
     return replace(ways, second=ways.course, turn=np.ones(len(ways)))

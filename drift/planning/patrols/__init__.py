@@ -1,1 +1,1 @@
-"""The next patrols of a spill: which stretches of coast, by which team, on which day."""
+"""Patrol plans of a spill: which team visits which stretches of coast on which day."""

@@ -1,9 +1,8 @@
-"""Which stretches of coast each team can go to: over land from its base, and across water only
-where it may.
+"""Which stretches of coast each team can reach: over land, and across water only if allowed.
 
-Reach is measured along the shortest way over land (geo.coast.overland). A base on water begins at
-the nearest land. A team without a base goes to any stretch, but all its patrols stay on one land
-mass; two pieces of mainland that are one beyond the domain count as one.
+Reach is measured along the shortest path over land (geo.coast.overland). A base on water is moved
+to the nearest land. A team without a base can go to any stretch, but all its patrols stay on one
+land mass. Two pieces of mainland that join outside the domain count as one land mass.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,40 +25,46 @@ LandIn = Callable[[Box], Array]
 
 @dataclass(frozen=True)
 class Access:
-    """Where a team can go."""
+    """The stretches that a team can reach."""
 
     team: Team
-    stretches: tuple[int, ...]  # numbers, however long they are
-    stays: bool = False  # all its patrols lie on one land mass, of which a plan chooses
-    note: str = ""  # what was made of its base
+    stretches: tuple[int, ...]  # indices, whatever the length of the stretch
+    stays: bool = False  # all its patrols lie on one land mass, chosen by the plan
+    note: str = ""  # where the base was moved to, if it lies on water
 
 
 @dataclass(frozen=True)
 class Walkable:
-    """Where the teams of a spill can go, and the land mass of each stretch."""
+    """The reachable stretches of all teams, and the land mass of each stretch."""
 
     teams: tuple[Access, ...]
-    mass: Array  # (n,) SEVERAL: it lies on several
+    mass: Array  # (n,) index of the land mass; SEVERAL: it lies on several
 
     def of(self, team: Team) -> Access:
-        """Return where a team can go."""
+        """Return the reachable stretches of a team."""
         return next(access for access in self.teams if access.team is team)
 
 
 def of_teams(
-    teams: Sequence[Team], segments: Segments, land_in: LandIn, whole: Callable[[], Array]
+    teams: Sequence[Team], segments: Segments, land_in: LandIn, read_whole_land: Callable[[], Array]
 ) -> Walkable:
-    """Return where teams can go.
+    """Return the reachable stretches of all teams.
 
-    land_in: returns the land polygons [deg] of a box. whole: returns those of the whole source of
-    the coast; it is asked only if it matters. Raises UserError for a base without land within its
-    reach, and for a named stretch that lies on several land masses.
+    Args:
+        teams: of the spill.
+        segments: the stretches of coast.
+        land_in: returns the land polygons [deg] of a box.
+        read_whole_land: returns the land polygons of the whole coast data set; called only if needed.
+
+    Raises:
+        UserError: a base has no land within its reach, or a named stretch lies on several land
+            masses.
     """
     assert segments.land is not None
     assert segments.mass is not None
     mass = segments.mass
     if any(team.base is None and not team.crosses_water for team in teams):
-        joined = land_masses.of_whole(segments.land, whole)
+        joined = land_masses.of_whole(segments.land, read_whole_land)
         number = np.full(segments.land.mass.max(initial=0) + 1, SEVERAL)
         number[segments.land.mass] = joined.mass
         mass = np.where(mass == SEVERAL, SEVERAL, number[mass])
@@ -67,12 +72,13 @@ def of_teams(
 
 
 def _of_team(team: Team, segments: Segments, mass: Array, land_in: LandIn) -> Access:
+    """Return the reachable stretches of one team."""
     place = f'patrol_unit "{team.name}"'
     if team.base is not None:
         return _within_reach(team, team.base, segments, mass, land_in)
     if not team.stretches:
-        every = np.flatnonzero(team.crosses_water | (mass != SEVERAL))
-        return Access(team, tuple(every.tolist()), not team.crosses_water)
+        permitted = np.flatnonzero(team.crosses_water | (mass != SEVERAL))
+        return Access(team, tuple(permitted.tolist()), not team.crosses_water)
     named = tuple(
         evidence.stretch_by_name(name, place, segments) for name in dict.fromkeys(team.stretches)
     )
@@ -89,7 +95,7 @@ def _of_team(team: Team, segments: Segments, mass: Array, land_in: LandIn) -> Ac
 def _within_reach(
     team: Team, base: tuple[float, float], segments: Segments, mass: Array, land_in: LandIn
 ) -> Access:
-    """Return where a team with a base can go."""
+    """Return the reachable stretches of a team with a base."""
     place = f'patrol_unit "{team.name}"'
     lon, lat = np.radians(base)
     straight = sphere.distance(lon, lat, np.radians(segments.lon), np.radians(segments.lat))
@@ -113,18 +119,18 @@ def _within_reach(
             f"the base of {team.name}, {notation.position(*base)}, lies on water: the team starts at the nearest land, "
             f"{_km(away)} off, at {notation.position(x, y)}"
         )
-    # From the nearest land the straight distance may be longer.
+    # The base was moved by `away`, so the straight distance may exceed the reach by as much.
     candidates = np.flatnonzero((straight <= team.reach + away) & (mass != SEVERAL))
     spots = [(float(segments.lon[s]), float(segments.lat[s])) for s in candidates]
-    way = overland.overland_distances(land, (x, y), spots, team.reach)
-    found = tuple(candidates[np.isfinite(way)].tolist())
-    if not found and near.size:
+    overland_distance = overland.overland_distances(land, (x, y), spots, team.reach)
+    reachable = tuple(candidates[np.isfinite(overland_distance)].tolist())
+    if not reachable and near.size:
         raise UserError(
             f"{place}: no stretch within {_km(team.reach)} of its base can be reached over land within that distance; give the "
             "team crosses_water = true, a base on the land of the stretches or a greater reach, or add the bridge between "
             "the two to spill.bridges"
         )
-    return Access(team, found, note=note)
+    return Access(team, reachable, note=note)
 
 
 _REMEDY = "give a greater reach, or move the base"
@@ -150,10 +156,12 @@ def _about(
 
 
 def _holds(box: Box, lon: float, lat: float) -> bool:
+    """Return True if the box contains a position [deg]."""
     return (
         box.south <= lat <= box.north and float(sphere.east_of_degrees(lon, box.west)) <= box.east
     )
 
 
 def _km(metres: float) -> str:
+    """Return a distance in km as text."""
     return f"{metres / 1000:.3g} km"

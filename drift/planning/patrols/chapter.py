@@ -1,4 +1,4 @@
-"""What a plan of patrols hands out: the schedule, a table, [[patrol]] tables and its picture."""
+"""Output files of a patrol plan: schedule, table, [[patrol]] tables and a map."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from drift.spills.worlds.renewal import SpillResult
 
 @dataclass(frozen=True)
 class PatrolOutputs:
-    """What the files and pictures are made from."""
+    """What the output files and the map of a patrol plan are made from."""
 
     plan: PatrolPlan
     after: SpillResult
@@ -28,6 +28,7 @@ class PatrolOutputs:
 
 def _picture(matter: PatrolOutputs, path: Path) -> None:
     # here: Matplotlib takes a second to import
+    """Draw patrols.png."""
     from drift.spills.worlds.products import map as washup_map
 
     after, setting = matter.after, matter.setting
@@ -66,7 +67,7 @@ FILES: dict[str, Callable[[PatrolOutputs, Stamped], Contents]] = {
     ),
     "patrols.toml": lambda matter, stamped: patrol_files.toml(matter.plan, matter.after),
 }
-# Where teams leave out what is longer than their day.
+# written only if a stretch is longer than a team's daily length
 LEFT_OUT_FILES: dict[str, Callable[[PatrolOutputs, Stamped], Contents]] = {
     "patrols_left_out.csv": lambda matter, stamped: patrol_files.left_out(
         matter.plan, matter.after, stamped["run_id"]
@@ -78,7 +79,7 @@ PICTURES: dict[str, Callable[[PatrolOutputs, Path], None]] = {
 
 
 def chapter(matter: PatrolOutputs) -> OutputBundle:
-    """Return the chapter of a plan of patrols."""
+    """Return the output files of a patrol plan."""
     numbers = {"patrol_plan": patrol_files.summary_of_patrols(matter.plan)}
     files = bind_outputs(FILES, matter) | (
         bind_outputs(LEFT_OUT_FILES, matter) if matter.plan.left_out else {}

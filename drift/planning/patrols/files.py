@@ -1,6 +1,6 @@
-"""A plan of patrols as text: a schedule for people, a table, and [[patrol]] tables for the case.
+"""Text outputs of a patrol plan: a schedule, tables, GeoJSON and [[patrol]] tables for the case.
 
-The [[patrol]] tables are to be appended to the case once the patrols have been made.
+The [[patrol]] tables are meant to be appended to the case after the patrols were made.
 """
 
 import json
@@ -49,11 +49,11 @@ LEFT_OUT = (
     "effective_worlds",
     "run_id",
 )
-LONGEST = 4  # stretches that a warning names
+LONGEST = 4  # most stretches named in a warning
 
 
 def patrol_text(plan: PatrolPlan, after: SpillResult, title: str, run: str, synthetic: bool) -> str:
-    """Return the schedule; it is plain ASCII but for names."""
+    """Return the schedule as text; plain ASCII except names."""
     lines = ["PATROL PLAN", *_fill(title), f"Run {run}. Times are UTC.", ""]
     for warning in warnings(plan, after, synthetic):
         lines += [*_fill(f"WARNING: {warning}"), ""]
@@ -63,7 +63,8 @@ def patrol_text(plan: PatrolPlan, after: SpillResult, title: str, run: str, synt
     ]
     if plan.daily:
         lines += _fill(
-            "Planned day by day: the bound adds up the best of each day by itself and is loose.", 3
+            "Planned day by day: the bound is the sum of the best of each day alone, and is loose.",
+            3,
         )
     lines += [*_fill(f"Not sent: {', '.join(plan.idle)}", 3)] if plan.idle else []
     lines += ["", "2  PATROLS"]
@@ -82,25 +83,25 @@ def patrol_text(plan: PatrolPlan, after: SpillResult, title: str, run: str, synt
             lines += _fill(figures, 6, 10)
     lines += ["", "3  NOTES"]
     for note in (
-        "Found: expected numbers, those left out that the public reports or that are taken away before the patrol "
-        "comes; on a second visit, what the first leaves and what has come since.",
+        "Found: expected number of objects, without those that the public reports or removes before the patrol "
+        "arrives; on a second visit, those that the first one missed and later arrivals.",
         "Unless it crosses water a team stays on one land mass, and its reach is measured over land.",
-        f"A stretch is visited at most {patrol_planner.VISITS} times, whole. Ways between stretches are not counted. "
+        f"A stretch is visited at most {patrol_planner.VISITS} times, over its whole length. Ways between stretches are not counted. "
         f"Stretches that would add under {100 * patrol_planner.TRIFLE:g} % to a patrol are left out.",
-        "Afterwards append patrols.toml to the case, with what was done, and each object found as a [[find]].",
+        "After the patrols append patrols.toml to the case, corrected to what was done, and each object found as a [[find]].",
     ):
         lines += _fill(f"- {note}", 3, 5)
     return "\n".join(lines) + "\n"
 
 
 def worth(plan: PatrolPlan) -> str:
-    """Return in a line what a plan is expected to find, and what none could exceed."""
+    """Return one line with the expected number found and its upper bound."""
     expected = f"{plan.found:.3g} +- {plan.error:.2g} objects found on average (sampling)"
     return f"{expected}; no plan of these teams finds more than {_up(plan.bound)} on average"
 
 
 def _up(value: float) -> str:
-    """Return a bound to three digits, not rounded down."""
+    """Return a bound rounded up to three digits."""
     if value <= 0:
         return "0"
     step = 10.0 ** (math.floor(math.log10(value)) - 2)
@@ -108,7 +109,7 @@ def _up(value: float) -> str:
 
 
 def warnings(plan: PatrolPlan, after: SpillResult, synthetic: bool) -> list[str]:
-    """Return warnings of what is not reliable in a plan."""
+    """Return warnings about the reliability of a plan."""
     lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
     count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
     if count.few:
@@ -117,10 +118,12 @@ def warnings(plan: PatrolPlan, after: SpillResult, synthetic: bool) -> list[str]
 
 
 def too_long(plan: PatrolPlan, after: SpillResult, *, most: int = LONGEST) -> list[str]:
-    """Return a warning for each team of the stretches that it leaves out, because they are longer
-    than its day.
+    """Return a warning for each team with stretches longer than its daily length.
 
-    most: stretches that it names.
+    Args:
+        plan: of the patrols.
+        after: the spill's result.
+        most: how many of the stretches are named.
     """
     lines = []
     for team in after.spill.teams:
@@ -147,9 +150,7 @@ def too_long(plan: PatrolPlan, after: SpillResult, *, most: int = LONGEST) -> li
 
 
 def left_out(plan: PatrolPlan, after: SpillResult, run: str) -> str:
-    """Return the stretches that teams leave out because they are longer than their day, a row each,
-    most first.
-    """
+    """Return a CSV row for each stretch that is longer than the team's daily length."""
     segments, rows = after.segments, []
     for row in plan.left_out:
         s = row.segment
@@ -169,7 +170,7 @@ def left_out(plan: PatrolPlan, after: SpillResult, run: str) -> str:
 
 
 def csv(plan: PatrolPlan, after: SpillResult, run: str) -> str:
-    """Return a row for each visit, by time and team."""
+    """Return a CSV row for each visit, by time and team."""
     segments, rows = after.segments, []
     for slot, visits in patrol_planner.by_patrol(plan):
         for visit in visits:
@@ -184,8 +185,8 @@ def csv(plan: PatrolPlan, after: SpillResult, run: str) -> str:
 
 
 def toml(plan: PatrolPlan, after: SpillResult) -> str:
-    """Return [[patrol]] tables that can be appended to the case."""
-    taken = {patrol.name for patrol in after.spill.patrols}
+    """Return the plan as [[patrol]] tables for the case file."""
+    used_names = {patrol.name for patrol in after.spill.patrols}
     parts = [
         "# The plan's patrols. Append them to the case once they were made; say what was done: "
         "stretches left out, the time, the",
@@ -193,9 +194,9 @@ def toml(plan: PatrolPlan, after: SpillResult) -> str:
     ]
     for slot, visits in patrol_planner.by_patrol(plan):
         name, number = patrol_planner.heading(slot), 2
-        while name in taken:
+        while name in used_names:
             name, number = f"{patrol_planner.heading(slot)} ({number})", number + 1
-        taken.add(name)
+        used_names.add(name)
         parts += [
             "",
             "[[patrol]]",
@@ -208,14 +209,15 @@ def toml(plan: PatrolPlan, after: SpillResult) -> str:
 
 
 def lines(plan: PatrolPlan, after: SpillResult, attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the stretches of each visit as a GeoJSON FeatureCollection, by time and team, cut at
-    the antimeridian.
+    """Return the visited stretches as a GeoJSON FeatureCollection, by time and team.
+
+    Lines are cut at the antimeridian.
     """
     segments, features = after.segments, []
     for slot, visits in patrol_planner.by_patrol(plan):
         for visit in visits:
             s = visit.segment
-            told = {
+            properties = {
                 "patrol_unit": slot.team.name,
                 "time": notation.iso(slot.when),
                 "segment": s,
@@ -229,12 +231,12 @@ def lines(plan: PatrolPlan, after: SpillResult, attributes: Mapping[str, Any]) -
                 "found": float(f"{visit.found:.6g}"),
                 "found_se": float(f"{visit.error:.6g}"),
             }
-            features.append(geojson.feature(geojson.lines([segments.lines[s]]), told))
+            features.append(geojson.feature(geojson.lines([segments.lines[s]]), properties))
     return geojson.collection(features, attributes)
 
 
 def summary_of_patrols(plan: PatrolPlan) -> dict[str, Any]:
-    """Return what the summary holds of a plan."""
+    """Return the plan as JSON data."""
     return {
         "found": plan.found,
         "found_se": plan.error,
@@ -257,7 +259,7 @@ def summary_of_patrols(plan: PatrolPlan) -> dict[str, Any]:
 
 
 def patrol_facts(plan: PatrolPlan, after: SpillResult) -> dict[str, str]:
-    """Return what a terminal shows."""
+    """Return the plan as labelled lines for a terminal."""
     lines = {"plan": worth(plan)}
     for slot, visits in patrol_planner.by_patrol(plan):
         names = "; ".join(
@@ -273,11 +275,12 @@ def patrol_facts(plan: PatrolPlan, after: SpillResult) -> dict[str, str]:
 
 
 def _key(slot: Slot) -> str:
+    """Return the label of a patrol: time and team."""
     return f"{notation.format_dtg(slot.when)} {slot.team.name}"
 
 
 def _spelled(after: SpillResult, visit: Visit) -> str:
-    """Return a stretch as a case names it: by the user's name, else by its id."""
+    """Return a stretch as a case file names it: by the user's name, else by its id."""
     name, place = after.segments.name[visit.segment], after.segments.id[visit.segment]
     where = notation.position(
         float(after.segments.lon[visit.segment]), float(after.segments.lat[visit.segment])
@@ -286,6 +289,7 @@ def _spelled(after: SpillResult, visit: Visit) -> str:
 
 
 def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
+    """Return a paragraph wrapped to the page width."""
     rest = " " * (indent if hang is None else hang)
     return textwrap.wrap(
         words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False

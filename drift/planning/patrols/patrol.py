@@ -1,4 +1,4 @@
-"""The next patrols of a spill: planned on its forecast, and written with it."""
+"""Plan the next patrols of a spill and write them with its forecast."""
 
 import os
 from typing import Unpack
@@ -23,8 +23,9 @@ def patrol(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[RunOptions],
 ) -> tuple[PatrolPlan, Result]:
-    """Plan the next patrols of a spill; with `out`, write them and the forecast, complete or not at
-    all.
+    """Plan the next patrols of a spill.
+
+    With `out`, the plan is written together with the spill's forecast.
 
     Args:
         case: of `drift.load` or `drift.vary`.
@@ -32,18 +33,17 @@ def patrol(
         **options: as in `drift.run`.
 
     Returns:
-        The plan and the forecast: stretches by team and day, expected number of objects found with
-            a bound; the `drift.Result` of the
-        spill.
+        The plan and the spill's forecast. The plan has stretches by team and day, and the expected
+            number of objects found with a bound.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): the case has
-            no `[spill]` or `[[patrol_unit]]`, or what `drift.run` rejects.
+        UserError: the case has no `[spill]` or `[[patrol_unit]]`, or `drift.run` rejects it; one
+            line for each mistake (`error.lines`).
     """
     if case.spill is None or not case.spill.teams:
         raise UserError(
             f"{case.path.name}: has no [[patrol_unit]] to plan with: "
-            "give each its length a day, detection and first patrol"
+            "add one with length a day, detection and first patrol for each team"
         )
     job = flow.open_run(case, out, options)
     assert job.where.coast is not None
@@ -55,7 +55,7 @@ def patrol(
         coastline.land_reader(job.where.coast, asked),
         lambda: shore.read_whole_land(asked.source, asked.lakes),
     )
-    # before the drift, because it may reject the case
+    # check the case before the drift, which takes long
     patrol_planner.patrols(case.period, segments, walkable)
     with flow.open_result(job) as result:
         after = result.aftermath

@@ -1,12 +1,12 @@
-"""Which stretches to patrol next, so that the teams of a spill's case find most objects on average.
+"""Patrol planning: which stretches to visit so that teams find most objects on average.
 
-An object that lies on a stretch when a team comes is found with the team's detection, unless it was
-reported, buried, refloated or found before. That is the model of drift.spills.worlds.exposure, over
-the worlds as the finds weigh them. The visits to a stretch are worth what they find there, with
-diminishing returns, so a plan is a choice of one set of visits for each stretch within each team's
-length of shore a day, solved as an integer programme (HiGHS). In that choice, what refloats and
-lands again may be counted on two stretches. The plan's figures are computed over all visits at once
-and do not count it twice; the bound does, and so holds all the more.
+A team finds an object that lies on its stretch with the team's detection probability, unless the
+object was reported, buried, refloated or found before. That is the model of
+drift.spills.worlds.exposure, averaged over the worlds with their weights given the finds. Visits to
+a stretch have diminishing returns, so a plan chooses one set of visits for each stretch within each
+team's daily length of shore, by an integer programme (HiGHS). That programme may count an object
+twice if it refloats and lands again on another stretch. The plan's reported figures are computed
+over all visits at once and count it once. The bound counts it twice, which keeps it an upper bound.
 """
 
 import itertools
@@ -28,72 +28,75 @@ from geo.array import Array, Real
 from geo.coast.segments import Segments
 from geo.errors import UserError
 
-VISITS = 3  # of one stretch, at most, in a plan
-# sets of visits chosen from at once; where there are more, the plan is made day by day
+VISITS = 3  # most visits of one stretch in a plan
+# most sets of visits in one integer programme; beyond it the plan is made day by day
 CHOICES = 6_000
-TRIFLE = 0.01  # share of what its patrol finds that a visit must add
+TRIFLE = 0.01  # least share of its patrol's finds that a visit must add
 LEAST = 1e-7  # share of the best visit's worth below which a visit is not considered
-SECONDS = 60.0  # that the solver may take
-GAP = 1e-4  # relative, at which the solver may stop
+SECONDS = 60.0  # time limit of the solver
+GAP = 1e-4  # relative gap at which the solver may stop
 DAY = 86_400
 
 
 @dataclass(frozen=True)
 class Slot:
-    """One patrol that a team can make."""
+    """One possible patrol: a team and a time."""
 
     team: Team
     when: np.datetime64
     time: int  # [s after start]
-    # numbers of stretches that it can go to, each no longer than its day
+    # indices of reachable stretches that are no longer than the team's daily length
     reachable: tuple[int, ...]
     stays: bool = False  # all patrols of its team lie on one land mass
 
 
 @dataclass(frozen=True)
 class Visit:
-    """One stretch on one patrol of a plan."""
+    """A visit of one stretch on one patrol of a plan."""
 
     slot: Slot
     segment: int
-    # expected number of objects there to be found, without those that earlier visits find
+    # expected number of objects lying there, without those that earlier visits find
     lying: float
     found: float  # expected number that it finds
-    error: float  # its standard error
+    error: float  # standard error of `found`
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A stretch that a team can reach, where something lies, and that is longer than what the team
-    walks in a day.
-    """
+    """A reachable stretch with objects that is longer than the team's daily length."""
 
     team: Team
     segment: int
-    lying: float  # expected number of objects there to be found, on its first patrol
+    lying: float  # expected number of objects lying there at the team's first patrol
 
 
 @dataclass(frozen=True)
 class PatrolPlan:
-    """Visits by time, and what all of them together are expected to find."""
+    """The visits by time, and the expected number of objects that all of them find."""
 
     visits: tuple[Visit, ...]
     found: float
     error: float
     bound: float  # no plan of at most VISITS visits a stretch finds more on average
     daily: bool  # whether plan and bound were made day by day
-    idle: tuple[str, ...]  # teams with nothing to do
+    idle: tuple[str, ...]  # teams without a visit
     slots: tuple[Slot, ...]
     left_out: tuple[LeftOut, ...] = ()  # by team in the order of the case, most first
-    notes: tuple[str, ...] = ()  # what was made of bases that lie on water
+    notes: tuple[str, ...] = ()  # where bases on water were moved to
 
 
-# numbers of patrols, ascending, by number of the stretch that they visit
+# indices of the visiting patrols, ascending, by stretch
 Chosen = dict[int, tuple[int, ...]]
 
 
 def plan(after: SpillResult, walkable: Walkable) -> PatrolPlan:
-    """Return the plan of a spill's teams; the files of its run are to be open."""
+    """Return the best plan of a spill's teams.
+
+    Args:
+        after: the spill's result; the files of its run must be open.
+        walkable: the reachable stretches of all teams.
+    """
     slots = patrols(after.period, after.segments, walkable)
     known, worth = after.posterior.known, value(after)
     reach = sorted({s for slot in slots for s in slot.reachable})
@@ -127,12 +130,11 @@ def plan(after: SpillResult, walkable: Walkable) -> PatrolPlan:
 
 
 def value(after: SpillResult) -> Real:
-    """Return how many objects not yet found a particle of each world and class stands for, if it
-    has not been found itself.
+    """Return the number of unfound objects that a particle of each world and class stands for.
 
-    Its shape is (W, classes). The objects left of a world and class are shared among its particles
-    by their chances of not having been found; this is the share of a particle divided by its
-    chance.
+    The shape is (W, classes). The remaining objects of a world and class are shared among its
+    particles by their probability of not having been found. The value applies to a particle that
+    has not been found: its share divided by that probability.
     """
     left = finds.remaining_objects(after.posterior) * after.posterior.weight[:, None]
     shared, _ = renewal.unfound_chances(after.fates, after.posterior.known)
@@ -140,19 +142,23 @@ def value(after: SpillResult) -> Real:
 
 
 def stretch_table(stays: Exposure, segment: int, worth: Real, slots: Sequence[Slot]) -> Partial:
-    """Return what lies on a stretch at each patrol by the first patrol that could meet it, sums (M
-    + 1, M) by block.
+    """Return the objects on a stretch at each patrol, by the first patrol that can meet them.
 
-    Row i: what comes between the patrols i - 1 and i, in the last one after all; column j: how much
-    of it is still there at j. worth: what each particle stands for, (n,).
+    Args:
+        stays: stays of particles on stretches.
+        segment: index of the stretch.
+        worth: number of objects that each particle stands for, shape (n,).
+        slots: the patrols by time (M).
+
+    Returns:
+        Sums by block, of shape (M + 1, M). Row i holds objects that arrive between patrols i - 1
+            and i (last row: after all patrols), column j those still there at patrol j.
     """
     return _lying(stays, segment, worth, [float(slot.time) for slot in slots])
 
 
 def _lying(stays: Exposure, segment: int, worth: Real, times: Sequence[float]) -> Partial:
-    """Return the sums of what lies on a stretch at some times, by the first of them that is not
-    before it came.
-    """
+    """Return the objects on a stretch at some times, by the first time after arrival."""
     rows = slice(int(stays.bounds[segment]), int(stays.bounds[segment + 1]))
     slot, first = stays.slot[rows], np.searchsorted(times, stays.arrival[rows])
     there = [exposure.lying_probability(stays, segment, time) * worth[slot] for time in times]
@@ -160,9 +166,12 @@ def _lying(stays: Exposure, segment: int, worth: Real, times: Sequence[float]) -
 
 
 def expected(lying: Real, detection: Sequence[float], visits: Sequence[int]) -> float:
-    """Return the expected number that visits of a stretch find.
+    """Return the expected number of objects that visits of a stretch find.
 
-    lying: of `table`. detection: by patrol. visits: numbers of patrols, ascending.
+    Args:
+        lying: objects on the stretch by patrol, of `stretch_table`.
+        detection: probability of detection by patrol.
+        visits: indices of the patrols that visit the stretch, ascending.
     """
     total, missed = 0.0, np.ones(len(lying))
     for j in visits:
@@ -173,9 +182,9 @@ def expected(lying: Real, detection: Sequence[float], visits: Sequence[int]) -> 
 
 
 def worthwhile(tables: dict[int, Real], slots: Sequence[Slot], chosen: Chosen) -> Chosen:
-    """Return visits without those that add less than TRIFLE to their patrol.
+    """Return the visits without those that add less than TRIFLE to their patrol.
 
-    Such visits fill the patrol's length and are not worth the way to the stretch.
+    Such visits only fill up the patrol's length and are not worth the way to the stretch.
     """
     detection = [slot.team.detection for slot in slots]
     adds = {
@@ -195,32 +204,39 @@ def worthwhile(tables: dict[int, Real], slots: Sequence[Slot], chosen: Chosen) -
 def choose(
     tables: dict[int, Real], length: Real, slots: Sequence[Slot], mass: Array | None = None
 ) -> tuple[Chosen, float, bool]:
-    """Return the visits of each stretch, a bound of what any visits find, and whether both are by
-    day.
+    """Return the visits of each stretch, a bound, and whether both were made day by day.
 
-    mass: the land mass of each stretch, (S,); None: all are on one. Teams that stay on one have all
-    patrols there. Earlier visits only take away from what later ones find, so the best of each day
-    by itself add up to a bound.
+    Earlier visits only reduce what later ones find, so the sum of the best of each day alone is a
+    bound.
+
+    Args:
+        tables: objects by stretch and patrol, of `stretch_table`.
+        length: of the stretches [m], shape (S,).
+        slots: the patrols by time.
+        mass: land mass of each stretch, shape (S,); None: all are on one. Teams that stay on one
+            land mass have all patrols there.
     """
     reach = [set(slot.reachable) for slot in slots]
-    every = range(len(slots))
-    best = max((lying[: j + 1, j].sum() for lying in tables.values() for j in every), default=0.0)
+    all_patrols = range(len(slots))
+    best = max(
+        (lying[: j + 1, j].sum() for lying in tables.values() for j in all_patrols), default=0.0
+    )
     worthy = [
         s
         for s, lying in tables.items()
-        if any(s in reach[j] and lying[: j + 1, j].sum() > LEAST * best for j in every)
+        if any(s in reach[j] and lying[: j + 1, j].sum() > LEAST * best for j in all_patrols)
     ]
-    rest = sum(  # what is not considered could be found too
+    rest = sum(  # the bound must include stretches that are not considered
         float(lying[: j + 1, j].sum()) * slots[j].team.detection
         for s, lying in tables.items()
-        for j in every
+        for j in all_patrols
         if s in reach[j] and s not in worthy
     )
-    if sum(sum(1 for _ in _sets(every, s, reach)) for s in worthy) <= CHOICES:
-        chosen, bound = _solve(tables, length, slots, worthy, every, {}, mass)
+    if sum(sum(1 for _ in _sets(all_patrols, s, reach)) for s in worthy) <= CHOICES:
+        chosen, bound = _solve(tables, length, slots, worthy, all_patrols, {}, mass)
         return chosen, bound + rest, False
     begin = slots[0].time
-    days = itertools.groupby(every, key=lambda j: (slots[j].time - begin) // DAY)
+    days = itertools.groupby(all_patrols, key=lambda j: (slots[j].time - begin) // DAY)
     chosen, bound = {}, rest
     for _, group in days:
         today = list(group)
@@ -250,8 +266,8 @@ def _solve(
 ) -> tuple[Chosen, float]:
     """Return the best visits of some patrols, and a bound of what they find.
 
-    length: of the stretches [m], (S,). worthy: stretches to choose from. today: numbers of the
-    patrols. before: visits that earlier patrols make. mass: of `choose`.
+    length: of the stretches [m], (S,). worthy: stretches to choose from. today: indices of the
+    patrols. before: visits on earlier patrols. mass: as in `choose`.
     """
     from scipy import optimize, sparse  # here: a run that plans nothing needs neither
 
@@ -333,7 +349,7 @@ def _solve(
         constraints=constraints,
         options={"time_limit": SECONDS, "mip_rel_gap": GAP},
     )
-    # none within its time: nothing is planned, and any stretch may yet have its best set
+    # No solution within the time limit: plan nothing; the bound takes each stretch's best set.
     if solution.x is None:
         return {}, float(np.maximum.reduceat(gain, np.flatnonzero(np.diff([-1, *rows]))).sum())
     chosen = {
@@ -343,6 +359,7 @@ def _solve(
 
 
 def _stay(slot: Slot, mass: int) -> tuple[str, int]:
+    """Return the pair of team and land mass."""
     return slot.team.name, mass
 
 
@@ -380,14 +397,14 @@ def _scored(
     daily: bool,
     worth: Real,
 ) -> PatrolPlan:
-    """Return a plan with its figures, computed over all visits at once."""
+    """Return the plan with its figures, computed over all visits at once."""
     known, fates, weight = after.posterior.known, after.fates, after.posterior.weight
     order = sorted((j, s) for s, visits in chosen.items() for j in visits)
     planned = tuple(exposure.Walk((s,), slots[j].time, slots[j].team.detection) for j, s in order)
     by_world = np.zeros((len(order), fates.worlds))
     for part in fates.parts():
         stays = exposure.expose(part, known.reporting, (*known.patrols, *planned))
-        # Objects for which a particle stands, given its world.
+        # number of objects that a particle stands for, given its world
         in_world = worth[part.world, part.kind] / np.maximum(weight[part.world], 1e-300)
         for k, (_, s) in enumerate(order):
             rows, chance = exposure.patrol_probability(stays, s, len(known.patrols) + k)

@@ -1,4 +1,4 @@
-"""What report.html shows of a plan of patrols: the stretches that are visited, and the schedule."""
+"""Pages of report.html for a patrol plan: the visited stretches and the schedule."""
 
 from drift.planning.patrols.planner import PatrolPlan
 from drift.products.report import leaves
@@ -17,7 +17,7 @@ COLUMNS = [
 ]
 LEFT_OUT = [
     ("patrol_unit", "Team", "words"),
-    ("day_km", "Its day, km", "number"),
+    ("day_km", "Team's daily length, km", "number"),
     ("stretch", "Stretch", "words"),
     ("position", "Position", "words"),
     ("length_km", "Length, km", "number"),
@@ -26,7 +26,7 @@ LEFT_OUT = [
 
 
 def patrol_leaves(plan: PatrolPlan) -> list[Leaf]:
-    """Return the leaves of a plan of patrols."""
+    """Return the report pages of a patrol plan."""
     visited = sorted({int(visit.segment) for visit in plan.visits})
     return [
         leaves.shapes_leaf(
@@ -44,7 +44,7 @@ def patrol_leaves(plan: PatrolPlan) -> list[Leaf]:
                     "Left out: longer than a team's day",
                     LEFT_OUT,
                     file="patrols_left_out.csv",
-                    note="Lying there: on the team's first patrol. Cut them shorter ([spill.stretches]), and they are planned too.",
+                    note="Objects lying there at the team's first patrol. To have a stretch planned, cut it shorter ([spill.stretches]).",
                 )
             ]
             if plan.left_out

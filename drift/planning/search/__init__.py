@@ -1,3 +1,1 @@
-"""What to search next: units, rectangles, the optimiser and its bound, and the plan as crews read
-it.
-"""
+"""Plans of the next search: units, search areas, optimiser, upper bound and output files."""

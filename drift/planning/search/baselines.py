@@ -1,4 +1,4 @@
-"""Other plans with which a plan is compared on the same particles: the one that is made by hand."""
+"""Alternative plans to compare with, among them the one that manuals make by hand."""
 
 import math
 from collections.abc import Sequence
@@ -11,13 +11,15 @@ from drift.planning.search.records import Alternative
 from drift.planning.search.rectangle import Crew
 from geo.array import Array
 
-# sides of the square that are tried, in roots of the area that would be swept
+# sides of the square that are tried, as multiples of the root of the swept area
 SIZES = np.geomspace(0.4, 3.0, 12)
 
 
 def by_hand(crews: Sequence[Crew], stage: Stage) -> list[tuple[str, Plan]]:
-    """Return the plan of manuals: the best square round the mean position, divided into strips by
-    effort.
+    """Return the plan of manuals: one square about the mean position, divided into strips.
+
+    The widths of the strips are proportional to the units' effort. The best of several sizes is
+    taken.
     """
     able, times = [], []
     for crew in crews:
@@ -56,8 +58,13 @@ def by_hand(crews: Sequence[Crew], stage: Stage) -> list[tuple[str, Plan]]:
 
 
 def alternative(name: str, other_plan: Plan, gain: Array, stage: Stage) -> Alternative:
-    """Return what another plan finds beside this one; gain: what this plan finds of each particle,
-    (m,).
+    """Return how another plan scores beside this one.
+
+    Args:
+        name: of the other plan.
+        other_plan: a choice for each unit.
+        gain: worth of what this plan finds of each particle, shape (m,).
+        stage: particles on which both are scored.
     """
     finds = [choice.find for choice in other_plan if choice is not None]
     other_gain = joint.worth(finds, stage.nodes) if finds else np.zeros_like(gain)

@@ -1,11 +1,11 @@
-"""Bins of time in which effort may be spent, and where particles are in them.
+"""Time bins of the effort bound, and the positions of particles in them.
 
-What drifts stays among its neighbours: a bin shows all at one time, when the cloud is densest. What
-steers streams past its neighbours, through straits and along lanes, and what searches there meets
-in one bin many that are not there together; but where streams are dense stays the same for longer
-than who is there. So a bin of what steers shows all at several times, its rows, in boxes that stand
-still. It is as long as it can be without making them clearly less dense: a convoy that goes by has
-short ones.
+Drifting particles keep their neighbours, so a bin holds one position of each, at the time at which
+the cloud is densest. Steering particles stream past each other, through straits and along lanes. A
+unit searching there meets many that are not in one place at the same time; but the dense places
+last longer than the particles stay in them. A bin of steering particles therefore holds their
+positions at several times (rows), and its boxes do not move. Bins are as long as possible without
+clearly lower density: a passing convoy gets short bins.
 """
 
 from dataclasses import dataclass
@@ -18,21 +18,21 @@ from drift.planning.search.planning_tracks import Tracks
 from geo import sphere
 from geo.array import Array
 
-BOXES = 160  # fewest boxes in a bin, where there are particles enough
-FEWEST, MOST = 6, 24  # bins of what drifts
-# of a box's side: how far its particles may move apart in a bin, unless that takes too many bins
+BOXES = 160  # fewest boxes in a bin, if there are enough particles
+FEWEST, MOST = 6, 24  # limits of the number of bins if all particles drift
+# how far particles of a box may move apart in a bin, as a share of its side; MOST permitting
 STRAIN = 0.5
-TRIAL = 4096  # particles on which that is measured
-PLACES = 3_000_000  # of what steers, in all rows; more would take minutes
-FINEST = 60.0  # [s] rows are no shorter
-LONGEST = 8  # rows in a bin
-THICK = 32.0  # particles at a time in boxes by which it is judged how long bins may be
-THINNER = 0.1  # by which the mean logarithm of density may be less in longer bins than in rows
+TRIAL = 4096  # particles on which relative motion is measured
+PLACES = 3_000_000  # most positions of steering particles in all rows; more would take minutes
+FINEST = 60.0  # [s] shortest row
+LONGEST = 8  # most rows in a bin
+THICK = 32.0  # particles per box and row when the length of bins is decided
+THINNER = 0.1  # largest fall of the mean log density in a longer bin
 
 
 @dataclass(frozen=True)
 class Bins:
-    """Positions of particles (m) at one time in each row (r) of each bin (b), on a plane."""
+    """Positions of particles (m) in each row (r) of each bin (b), on a plane."""
 
     edge: Array  # float64 [s since 1970] (r + 1,)
     first: Array  # int64 (b + 1,) first row of each bin
@@ -40,13 +40,14 @@ class Bins:
     y: Array
     there: Array  # bool (r, m): the particle can be found in the row
     pace: Array  # float64 [m/s] (r, m) highest speed of the particle in the row
-    # float64 [m] (b,) farthest that any particle is in a row of the bin from that position
+    # float64 [m] (b,) largest distance of any particle in a row of the bin from that position
     moved: Array
 
 
 def of_drift(tracks: Tracks, plane: record.Plane) -> Bins:
-    """Return bins as short as the particles' relative motion requires, each when the cloud is
-    densest in it.
+    """Return bins as short as the particles' relative motion requires.
+
+    Each bin takes the positions at the time at which the cloud is densest.
     """
     x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
     time, duration = tracks.time, np.diff(tracks.time)
@@ -59,7 +60,7 @@ def of_drift(tracks: Tracks, plane: record.Plane) -> Bins:
     )
     strain = apart / side[:-1] * rise
     count = int(np.clip(np.ceil(strain.sum() / STRAIN), FEWEST, MOST))
-    # so that no bin is too long for the units' own times
+    # keep bins short enough for the units' own times of search
     floor = STRAIN * FEWEST * duration / duration.sum()
     progress = np.concatenate([[0.0], np.cumsum(strain + floor)])
     goal = np.linspace(0, progress[-1], count + 1)[1:-1]
@@ -89,7 +90,7 @@ def of_drift(tracks: Tracks, plane: record.Plane) -> Bins:
 
 
 def of_streams(tracks: Tracks, plane: record.Plane) -> Bins:
-    """Return bins for what steers, of one row or two, four, LONGEST."""
+    """Return bins of one, two, four or LONGEST rows for steering particles."""
     time, span = tracks.time, float(tracks.time[-1] - tracks.time[0])
     rows = LONGEST * max(int(min(PLACES / tracks.m, span / FINEST)) // LONGEST, 1)
     edge = np.linspace(time[0], time[-1], rows + 1)
@@ -109,31 +110,28 @@ def of_streams(tracks: Tracks, plane: record.Plane) -> Bins:
 
 
 def _places(tracks: Tracks, x: Array, y: Array, at: Array) -> tuple[Array, Array]:
-    """Return where particles are [m] at some times [s since 1970], (k, m), straight on between
-    those of their tracks.
-    """
+    """Return positions (x, y) [m] at times [s since 1970], interpolated, shape (k, m)."""
     k = np.clip(np.searchsorted(tracks.time, at, side="right") - 1, 0, tracks.bins - 1)
     share = ((at - tracks.time[k]) / (tracks.time[k + 1] - tracks.time[k]))[:, None]
     return x[k] * (1 - share) + x[k + 1] * share, y[k] * (1 - share) + y[k + 1] * share
 
 
 def _joined(x: Array, y: Array, there: Array, some: Array) -> Array:
-    """Return the first row of each bin, (b + 1,); some: numbers of the particles by which it is
-    judged.
+    """Return the first row of each bin, shape (b + 1,).
+
+    Rows are joined as long as density hardly falls; it is measured on the particles `some`.
     """
     x, y, there = (v[:, some] for v in (x, y, there))
 
     def density(first: int, rows: int) -> float:
-        """Return the mean logarithm of density in boxes that stand still for some rows, times
-        particles and rows.
-        """
-        within = slice(first, first + rows)
-        present = there[within]
+        """Return the mean log density in fixed boxes over some rows, times particles and rows."""
+        these = slice(first, first + rows)
+        present = there[these]
         if not present.any():
             return 0.0
-        boxes = quadtree.halved(x[within][present], y[within][present], THICK, THICK, rows, 1.0)
+        boxes = quadtree.halved(x[these][present], y[these][present], THICK, THICK, rows, 1.0)
         count = np.bincount(boxes.of)
-        # n even points span less of their box
+        # n evenly spread points span less than their box
         extent = boxes.sides * ((count + 1) / np.maximum(count - 1, 1))[:, None]
         return float(count @ np.log(count / np.maximum(np.prod(extent, axis=1), 1.0) / rows))
 
@@ -158,9 +156,7 @@ def _joined(x: Array, y: Array, there: Array, some: Array) -> Array:
 
 
 def _strain(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the mean side of boxes at each time of the tracks, and how far particles then move
-    apart [m].
-    """
+    """Return the mean box side at each time, and how far particles then move apart [m]."""
     sample = _few(tracks)
     side, apart = np.empty(len(x)), np.empty(len(x) - 1)
     for t in range(len(x)):
@@ -171,7 +167,7 @@ def _strain(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _few(tracks: Tracks) -> Array:
-    """Return numbers of particles, drawn by weight, on which motion is measured."""
+    """Return indices of particles, sampled by weight, on which relative motion is measured."""
     tick = np.cumsum(tracks.weight)
     sample = np.minimum(
         np.searchsorted(tick, (np.arange(TRIAL) + 0.5) / TRIAL * tick[-1]), tracks.m - 1
@@ -180,16 +176,14 @@ def _few(tracks: Tracks) -> Array:
 
 
 def _sides(x: Array, y: Array) -> tuple[Array, float]:
-    """Return boxes of particles at a time, the box of each (n,), and the boxes' mean side [m]."""
+    """Return the box of each particle at one time, shape (n,), and the mean side [m]."""
     boxes = quadtree.grow(x, y, np.ones(len(x)), max(len(x) / BOXES, 8.0))
     count = np.bincount(boxes.of)
     return boxes.of, float(np.sqrt(max(len(x) / np.sum(count / np.maximum(boxes.area, 1.0)), 1.0)))
 
 
 def _apart(box_of: Array, *displacements: Array) -> float:
-    """Return how far [m] particles of one box move apart: the deviation of displacements (n,)
-    within boxes.
-    """
+    """Return how far [m] particles of one box move apart: the deviation within boxes."""
     count, total = np.bincount(box_of), 0.0
     for displacement in displacements:
         residual = displacement - (np.bincount(box_of, displacement) / count)[box_of]

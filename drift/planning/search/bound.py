@@ -1,38 +1,35 @@
-"""An estimated upper bound of what any plan can find: what effort would find that can be divided at
-will.
+"""An estimated upper bound of the value of any search plan, from divisible effort.
 
-Effort f [s] of search by unit, time bin and box gives every particle i in the box the coverage f
-W_i (v + s_i) / area, where W_i is the sweep width for its own scenario, v the unit's speed and s_i
-the particle's, as for a leg against its drift. Its chance of being found is at most b(C_i), where
-C_i is all its coverage and b the concave curve above whatever legs find
-(drift.planning.search.concave): P(f) = sum of w_i b(C_i) is concave. When being found is worth less
-later, a_i(t), the worth of what is found is the sum over i and t of w_i (a_i(t) - a_i(t + 1))
-b(C_i(t)), which is concave too.
+Effort f [s] by unit, time bin and box gives each particle i in the box the coverage f W_i (v + s_i)
+/ area. W_i is the sweep width for its scenario, v the unit's speed and s_i the particle's, as for a
+leg against its drift. Its probability of detection is at most b(C_i), where C_i is its total
+coverage and b a concave curve above the result of any legs (drift.planning.search.concave). So P(f)
+= sum of w_i b(C_i) is concave. If finding is worth less later, a_i(t), the total worth is the sum
+over i and t of w_i (a_i(t) - a_i(t + 1)) b(C_i(t)), which is also concave.
 
 For any slopes y no plan exceeds the sum of w_i b*(y_i) + max over g of the sum of w_i y_i C_i(g),
 where b*(y) = max over C of b(C) - y C (Fenchel; with y = b'(C_i(f)) it is P(f) + max over g of
-<P'(f), g - f>, the duality gap of Frank and Wolfe 1956). The maximum needs, at each time, only the
-greatest density of particles weighted by y: a unit spends its time in the bins whose best box gains
-most. f is found by projected gradients with momentum (Beck and Teboulle 2009,
+<P'(f), g - f>, the duality gap of Frank and Wolfe 1956). The maximum needs only the greatest
+density of particles weighted by y at each time: a unit spends its time in the bins whose best box
+gains most. f is found by projected gradients with momentum (Beck and Teboulle 2009,
 doi:10.1137/080716542).
 
-The bound would be proven if densities were known. They are estimated, and so is the bound. It
-assumes that a particle goes straight from one time of its track to the next, that its density is
-even within a box, and that the greatest densities in a bin of time are at most those when the cloud
-is densest, or, of what steers, even over the bin's rows (drift.planning.search.bins). Boxes are
-drawn as tight as the particles in them, so that density is rather too high than too low, and they
-are cut where particles are clearly uneven; bins are as short as the particles' motion against each
-other requires. The unevenness that is left makes the bound too low, by second order in the size of
-boxes and bins. Noise makes it too high, because boxes that are too dense by chance look worth a
-visit, and outweighs the other error (tests/planning/search/test_bound.py), except where density has
-no limit, as r^-1.5 about a point.
+The bound would be exact if densities were known. They are estimated, and so is the bound. It
+assumes that particles move straight between the times of their tracks and that density is uniform
+within a box. It also assumes that the greatest density in a time bin is that of the cloud at its
+densest or, for steering particles, the mean over the bin's rows (drift.planning.search.bins). Boxes
+fit their particles tightly, so that density is too high rather than too low, and clearly uneven
+boxes are cut. Bins are as short as relative motion requires. The remaining unevenness makes the
+bound too low, by second order in the size of boxes and bins. Noise makes it too high, because boxes
+that are dense by chance look attractive. Noise outweighs the other error
+(tests/planning/search/test_bound.py), except for unlimited densities such as r^-1.5 about a point.
 
-What steers streams past its neighbours. A box of a bin of several rows stands still; of what is in
-it during a part of the rows that part of the effort counts, so that its density is the mean over
-them. Noise makes the bound too high there too, by up to a third. There is none where particles go
-farther in a row than boxes and sweep widths reach, and none for a sensor that counts passes abeam
-against a Brownian bridge, which comes abeam without number: no limit is known to what ever shorter
-legs would find.
+Steering particles stream past each other. A box of a bin with several rows does not move; effort
+counts for a particle in proportion to the rows in which it is in the box, so the density is the
+mean over rows. Noise makes the bound too high there too, by up to a third. There is no bound if
+particles move farther in a row than boxes and sweep widths reach. Nor is there one for a sensor
+that counts passes abeam against a Brownian bridge: a bridge crosses the abeam line infinitely
+often, and no limit is known for ever shorter legs.
 """
 
 import itertools
@@ -57,44 +54,49 @@ from kernels.planning import allocate
 # Fewest effective particles in a box: boxes of 8 are too dense by two thirds, boxes of 64 are too
 # wide (test_bound.py).
 LEAST = 16.0
-# most of those that steer on which it is found: more rows tell more than more particles
+# most particles if some steer: more rows improve the bound more than more particles
 PARTICLES = 10_000
 SMALLEST = 0.003  # [sweep widths] side of the smallest box, which a single pass covers
-PATIENCE = 25  # steps without a better bound or better effort after which the search ends
+PATIENCE = 25  # steps without improvement after which the search ends
 STEPS = 500  # most steps
 FEW = 1000.0  # effective particles: on a circular normal, fewer leave the bound up to 3 % too low
-NEARLY = 0.995  # above this value a bound tells nothing
-UNSURE = 0.05  # largest standard error of the bound less what the plan is worth
+NEARLY = 0.995  # a bound above this value is not reported
+UNSURE = 0.05  # largest standard error of the bound less the plan's value
 EASE = 0.95  # factor by which a lower curvature is tried after each step
 ENOUGH = 0.001  # the search ends when the bound exceeds the best effort by no more than this
-STEERED = 0.003  # the same where something steers, which takes more steps
+STEERED = 0.003  # the same if particles steer, which takes more steps
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What effort may be spent, by box, bin and unit."""
+    """The effort that may be spent by bin and unit, and where."""
 
     start: Array  # int64 (b + 1,) first box of each bin
-    most: Array  # [s] (b, units) in a bin
-    total: Array  # [s] (units,) in all
+    most: Array  # [s] (b, units) most effort in a bin
+    total: Array  # [s] (units,) most effort in total
     open: Array  # bool (boxes, units): the unit can be there in that bin
 
 
 @dataclass(frozen=True)
 class Bound:
-    """The bound, and the divided effort that comes near to it."""
+    """The bound, and the divisible effort that comes near it."""
 
     value: float  # no plan should find more
-    spread: float  # what the divided effort finds, of the particles on which it was found
+    spread: float  # value of that effort on the same particles
     effort: Array  # float64 [s] (boxes, units)
-    none: str = ""  # why it is no bound, in a few words
+    none: str = ""  # short reason why there is no bound
 
 
 def bound(
     tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
 ) -> Bound:
-    """Return the estimated upper bound of what any plan of these units, laws and times finds on
-    these tracks.
+    """Return the estimated upper bound of any plan's value on these tracks.
+
+    Args:
+        tracks: planning particles.
+        units: with their sweep widths, laws and times.
+        spec: of the plan.
+        survival: of each scenario; None: survival is not modelled.
     """
     if tracks.turn is None:
         weighted = np.flatnonzero(tracks.weight > 0)
@@ -109,7 +111,7 @@ def bound(
 
 
 def counted(tracks: Tracks) -> float:
-    """Return the effective number of the particles on which a bound is found."""
+    """Return the effective number of particles on which a bound is computed."""
     number = effective.number(tracks.weight)
     return number if tracks.turn is None else min(number, PARTICLES)
 
@@ -117,20 +119,24 @@ def counted(tracks: Tracks) -> float:
 def silent(
     value: float, number: float, error: float, seen: float, scored: float, none: str = ""
 ) -> str:
-    """Return in a few words why a bound tells nothing; "" where it tells something.
+    """Return a short reason why a bound is not reported, or "" if it is.
 
-    none: see Bound; number: effective number of the particles on which it was found; seen: what the
-    plan finds of them; scored: what the plan finds of others; error: standard error of value less
-    scored.
+    Args:
+        value: the bound.
+        number: effective number of particles on which the bound was computed.
+        error: standard error of `value` less `scored`.
+        seen: value of the plan on the particles of the bound.
+        scored: value of the plan on other particles.
+        none: see `Bound`.
     """
     if number < FEW:
         return f"only {number:,.0f} effective particles, too few to judge this plan"
     if none:
         return none
     if value > NEARLY:
-        return "it would be near 1, which judges no plan"
+        return "it is near 1 and limits no plan"
     if error > UNSURE:
-        return f"sampling leaves it unsure by {2 * error:.2f}"
+        return f"its sampling error is too large ({2 * error:.2f})"
     if seen > value or scored > value + 2 * error:
         return "this plan finds more than the estimate for any plan"
     return ""
@@ -139,10 +145,15 @@ def silent(
 def worth(
     tracks: Tracks, survival: Sequence[Survival | None], objective: str, time: Array | None = None
 ) -> Array:
-    """Return what finding each particle is worth at some times, (k, m): 1, or its chance of being
-    alive.
+    """Return the worth of finding each particle at some times, shape (k, m).
 
-    time: (k,) [s since 1970]; the tracks' own by default.
+    The worth is 1, or the particle's probability of being alive if that is the objective.
+
+    Args:
+        tracks: planning particles.
+        survival: of each scenario.
+        objective: of the plan, "alive" or another.
+        time: [s since 1970], shape (k,); None: the times of the tracks.
     """
     time = tracks.time if time is None else time
     value = np.ones((len(time), tracks.m))
@@ -159,7 +170,11 @@ def worth(
 def ascend(field: allocate.Field, budget: Budget, areas: Array, enough: float = ENOUGH) -> Bound:
     """Return the bound and the best effort, by accelerated projected gradients.
 
-    areas: of the boxes [m2], times the rows of their bins; enough: see ENOUGH.
+    Args:
+        field: particles in boxes.
+        budget: of the units.
+        areas: of the boxes [m2], times the rows of their bins.
+        enough: gap between bound and best effort at which the search ends.
     """
     area = areas[:, None]
     curvature = _curvature(field, area)
@@ -193,7 +208,7 @@ def ascend(field: allocate.Field, budget: Budget, areas: Array, enough: float = 
             last = k if attained > best + ENOUGH / 10 else last
             best, best_effort = attained, new
         next_t = (1 + np.sqrt(1 + 4 * t * t)) / 2
-        # Momentum starts again where it leads astray (O'Donoghue and Candes 2015).
+        # Restart momentum if it points the wrong way (O'Donoghue and Candes 2015).
         if np.sum((extrapolated - new) * curvature * (new - effort)) > 0:
             t, extrapolated = 1.0, new
         else:
@@ -206,8 +221,7 @@ def ascend(field: allocate.Field, budget: Budget, areas: Array, enough: float = 
 def _field(
     tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
 ) -> tuple[allocate.Field, Budget, Array, str]:
-    """Return the particles in boxes, the effort that may be spent there, the boxes' areas [m2], and
-    why there is no bound.
+    """Return particles in boxes, the budget, box areas [m2] and why there is no bound.
 
     Areas are multiplied by the rows of their bins.
     """
@@ -234,7 +248,7 @@ def _field(
             else:
                 boxes.append(quadtree.halved(x, y, most, LEAST, len(present), smallest))
             box_of[rows][present] = sum(group.count for group in boxes[:-1]) + boxes[-1].of
-        else:  # an empty box, because nobody can be found in this bin
+        else:  # an empty box: nothing can be detected in this bin
             boxes.append(quadtree.Boxes(np.zeros(0, np.int64), *np.zeros((3, 1, 2))))
     counts = [group.count for group in boxes]
     start = np.concatenate([[0], np.cumsum(counts)])
@@ -250,7 +264,7 @@ def _field(
     sweep_rates = widths * np.array([unit.search_speed for unit in units])
     if tracks.turn is not None:
         sweep_rates *= np.concatenate([np.ones(more.shape), more, more])
-    # the effort of a random search counts over the ground, whatever the particles' speed
+    # the coverage of a random search does not depend on the particles' speed
     slowness = [
         0.0 if laws.formulas_of(unit.law).detects == "anywhere" else 1 / unit.search_speed
         for unit in units
@@ -277,11 +291,10 @@ def _field(
 
 
 def _wander(tracks: Tracks, units: Sequence[Unit]) -> tuple[float, Array]:
-    """Return how far bridges wander where that is least, and by how much more effort counts where
-    it is more.
+    """Return the smallest wander of bridges, and factors on effort for larger ones.
 
-    They wander by K^2 over the speed and sweep width of a unit, 0 if nothing does. The factors are
-    (scenarios, units).
+    Wander is K^2 over the speed and sweep width of a unit, 0 without bridges. The factors have the
+    shape (scenarios, units).
     """
     wander = np.zeros((len(units[0].sweep_width), len(units)))
     if tracks.flow is not None:
@@ -297,31 +310,31 @@ def _wander(tracks: Tracks, units: Sequence[Unit]) -> tuple[float, Array]:
     least = float(wander[wander > 0].min())
     h = concave.ROOTS[1:] ** 2
     usual = concave.wandering(h, least)
-    more = [
+    factors = [
         np.max(concave.wandering(h, one) / usual) if one > least else 1.0 for one in wander.ravel()
     ]
-    return least, np.reshape(more, wander.shape)
+    return least, np.reshape(factors, wander.shape)
 
 
 def _unbounded(tracks: Tracks, units: Sequence[Unit], bins: Bins, side: float) -> str:
-    """Return in a few words why there is no bound for what steers, "" where there is one; side: of
-    boxes [m].
+    """Return a short reason why steering particles allow no bound, or "" if they do.
+
+    side: typical side of a box [m].
     """
     bridged = tracks.flow is not None and bool((np.nan_to_num(tracks.flow[2]) > 0).any())
     if bridged and any(laws.formulas_of(unit.law).detects == "abeam" for unit in units):
-        return "no limit is known to what a sensor that counts passes abeam finds of a Brownian bridge by short legs"
+        return "none is known for sensors that count passes abeam of targets on Brownian bridges"
     widest = max(max(*unit.sweep_width, *unit.width_under_way, 0.0) for unit in units)
     if float((bins.pace * np.diff(bins.edge)[:, None])[bins.there].mean()) > max(widest, side):
-        return "what is looked for moves too fast for its bins of time"
+        return "the search object moves too fast for the time bins"
     return ""
 
 
 def _states(tracks: Tracks, edge: Array, scenarios: int) -> Array:
-    """Return at each time which sweep widths a particle has: adrift, under way, or the greater of
-    both.
+    """Return the index of each particle's sweep width by state and scenario.
 
-    They are numbered by state and then by scenario, (r, m); of what drifts all along by its
-    scenario alone, (m,).
+    The states are adrift, under way, or the greater of both during a change; the shape is (r, m).
+    If all particles drift, the index is the scenario, shape (m,).
     """
     if tracks.turn is None:
         return tracks.scenario
@@ -340,7 +353,7 @@ def _budget(
     start: Array,
     plane: record.Plane,
 ) -> Budget:
-    """Return the budget of boxes; start: (b + 1,) number of the first box of each bin."""
+    """Return the budget of boxes; start: first box of each bin, shape (b + 1,)."""
     bin_of = np.repeat(np.arange(len(boxes)), np.diff(start))
     low, high = (
         np.concatenate(v) for v in ([group.low for group in boxes], [group.high for group in boxes])
@@ -365,9 +378,7 @@ def _budget(
 
 
 def _best(slope: Array, budget: Budget) -> tuple[Array, Array]:
-    """Return the best slope of each bin and unit, (b, units), and the most that each unit can gain,
-    (units,).
-    """
+    """Return the best slope by bin and unit, (b, units), and each unit's largest gain."""
     top = np.maximum.reduceat(np.where(budget.open, slope, 0.0), budget.start[:-1], axis=0)
     gains = np.zeros(top.shape[1])
     for u in range(top.shape[1]):
@@ -378,7 +389,7 @@ def _best(slope: Array, budget: Budget) -> tuple[Array, Array]:
 
 
 def _shrink(effort: Array, budget: Budget) -> Array:
-    """Return effort scaled down to the budget, first in each bin, then in all."""
+    """Return effort scaled down to the budget, first in each bin, then in total."""
     spent_in_bin = np.add.reduceat(effort, budget.start[:-1], axis=0)
     share = np.minimum(1, budget.most / np.maximum(spent_in_bin, 1e-9))
     share *= np.minimum(1, budget.total / np.maximum(np.sum(spent_in_bin * share, axis=0), 1e-9))
@@ -386,22 +397,28 @@ def _shrink(effort: Array, budget: Budget) -> Array:
 
 
 def _curvature(field: allocate.Field, area: Array) -> Array:
-    """Return a diagonal matrix above the curvature of -P, by box and unit [1/s2]."""
+    """Return a diagonal bound of the curvature of -P by box and unit [1/s2]."""
     field.spend(np.zeros(area.shape) * np.ones(field.units))
     return np.asarray(np.maximum(field.gain(squared=True) / area**2, 1e-30))
 
 
 def project(effort: Array, stiff: Array, budget: Budget) -> Array:
-    """Return the effort within the budget that is nearest to `effort`, (boxes, units).
+    """Return the nearest effort within the budget, shape (boxes, units).
 
-    stiff: weights of the squares. It is max(0, effort - price / stiff), where the price in a bin is
-    the larger of the bin's and the unit's.
+    It is max(0, effort - price / stiff), where the price in a bin is the larger of the bin's and
+    the unit's.
+
+    Args:
+        effort: to be projected [s], shape (boxes, units).
+        stiff: weights of the squared distance, shape (boxes, units).
+        budget: of the units.
     """
     inverse = np.where(budget.open, 1 / stiff, 0.0)
     effort = np.where(budget.open, effort, 0.0)
     first, bins = budget.start[:-1], np.diff(budget.start)
 
     def spent(price: Array) -> tuple[Array, Array]:
+        """Return the effort spent by bin and unit at a price, and its slope."""
         kept = effort - np.repeat(price, bins, axis=0) * inverse
         return np.add.reduceat(np.maximum(kept, 0), first, axis=0), np.add.reduceat(
             np.where(kept > 0, inverse, 0), first, axis=0

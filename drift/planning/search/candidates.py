@@ -1,6 +1,4 @@
-"""Rectangles chosen for units, what they find at a stage of the optimiser, and the taskings made of
-them.
-"""
+"""Candidate rectangles of units, their value at a stage of the optimiser, and taskings."""
 
 import math
 from collections.abc import Sequence
@@ -21,26 +19,26 @@ from geo.array import Array
 from geo.polyline import LonLat
 from kernels.planning import rectangles, sweeps
 
-PART = 0.2  # of a wait; what makes a smaller part of it is not told as its reason
+PART = 0.2  # share of a wait below which its cause is not reported
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Particles, and how a rectangle is scored on them."""
+    """Particles, and how rectangles are scored on them."""
 
     m: int
     swarm: rectangles.Swarm
     weight: Array  # (m,)
     nodes: Array  # (nodes,) weights of the joint nodes
-    executed: bool  # whether legs are scored as flown or smeared out
+    executed: bool  # True: legs are scored as flown; False: smeared out over the rectangle
     separation: float  # [m] that units keep apart
-    # share of the gain lost by being a whole size too near to another unit; inf: forbidden
+    # share of the gain lost if a rectangle is its own size too near to another; inf: forbidden
     price: float = math.inf
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A unit's rectangle, and what it finds."""
+    """A unit's rectangle, and its detection probabilities."""
 
     crew: Crew
     row: Array
@@ -52,7 +50,13 @@ Plan = list[Choice | None]  # one for each unit; None: it cannot search, or has 
 
 
 def choose(crew: Crew, row: Array, stage: Stage) -> Choice:
-    """Return a rectangle with what it finds at a stage."""
+    """Return a rectangle with its detection probabilities at a stage.
+
+    Args:
+        crew: the unit.
+        row: the rectangle's parameters, shape (8,), see drift.planning.search.rectangle.
+        stage: particles, and how rectangles are scored.
+    """
     flown = rectangle.fly(crew, row[None, :], stage.executed)
     if stage.executed and not crew.random:
         chance, worth = sweeps.found(
@@ -69,21 +73,26 @@ def choose(crew: Crew, row: Array, stage: Stage) -> Choice:
 
 
 def at_stage(plan: Plan, stage: Stage) -> Plan:
-    """Return the same rectangles with what they find at another stage, without those impossible
-    there.
-    """
+    """Return the same rectangles scored at another stage; those impossible there are dropped."""
     chosen = [choice and choose(choice.crew, choice.row, stage) for choice in plan]
     return [choice if choice and choice.flown.possible[0] else None for choice in chosen]
 
 
 def value(plan: Plan, stage: Stage) -> float:
-    """Return what a plan finds at a stage."""
+    """Return the value of a plan at a stage."""
     finds = [choice.find for choice in plan if choice is not None]
     return float(stage.weight @ joint.worth(finds, stage.nodes)) if finds else 0.0
 
 
 def too_near(choice: Choice, rows: Array, flown: Sweeps, stage: Stage) -> Array:
-    """Return by how much [m] rectangles are too near to another unit's, 0 where they are not."""
+    """Return how much too near [m] rectangles are to another unit's, shape (c,); 0: clear.
+
+    Args:
+        choice: rectangle of the other unit.
+        rows: candidate rectangles, shape (c, 8).
+        flown: the same as they would be flown.
+        stage: with the separation that units keep.
+    """
     if stage.separation <= 0:
         return np.zeros(len(rows))
     return np.maximum(
@@ -92,7 +101,7 @@ def too_near(choice: Choice, rows: Array, flown: Sweeps, stage: Stage) -> Array:
 
 
 def apart(plan: Plan, stage: Stage) -> bool:
-    """Return whether all units keep apart, those that search at the same time."""
+    """Return True if units that search at the same time keep their separation."""
     chosen = [choice for choice in plan if choice is not None]
     return not any(
         too_near(other, choice.row[None, :], choice.flown, stage)[0] > 0
@@ -102,9 +111,9 @@ def apart(plan: Plan, stage: Stage) -> bool:
 
 
 def taskings(chosen: Sequence[Choice], stage: Stage) -> tuple[Tasking, ...]:
-    """Return taskings in order of the middle of their search.
+    """Return taskings in the order of the middle of their search.
 
-    Each POS is given that the searches before failed.
+    Each POS is conditional on the failure of the earlier searches.
     """
     ordered = sorted(chosen, key=lambda choice: choice.find.time)
     undetected = np.broadcast_to(stage.nodes, ordered[0].find.chance.shape).copy()
@@ -119,9 +128,7 @@ def taskings(chosen: Sequence[Choice], stage: Stage) -> tuple[Tasking, ...]:
 
 
 def waits(choice: Choice, chosen: Sequence[Choice], stage: Stage) -> str:
-    """Return why a unit searches later than it could: at night it cannot, others would be too near,
-    or else by choice.
-    """
+    """Return why a unit searches later than it could: daylight, separation, or better chances."""
     crew, start = choice.crew, float(choice.flown.start[0])
     row = choice.row.copy()
     row[rectangle.WAIT] = 0.0
@@ -140,7 +147,7 @@ def waits(choice: Choice, chosen: Sequence[Choice], stage: Stage) -> str:
     reasons = ["for daylight"] * (light - earliest >= PART * (start - earliest))
     if start - light >= PART * (start - earliest):
         night = any(light < begin - crew.zero <= start for begin, _ in spans)
-        # dark comes too soon
+        # it gets dark before the search is complete
         if night and at_once.duration[0] < (1 - PART) * choice.flown.duration[0]:
             reasons.append("for daylight")
         elif near:
@@ -158,7 +165,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     legs, cut = rectangle.legs_of(crew, choice.row, flown, 0), tuple[int, ...]()
     searched = Swept(laid.centre, length, width, laid.turn, int(flown.legs[0]), 0, 1.0)
     if not crew.manner.plain:
-        searched = _held(choice, laid.turn)
+        searched = _enclosing_area(choice, laid.turn)
     start = float(legs.time[0])
     if flown.sailed[0] is not None:
         (sailed,) = rectangle.cut_at_coast(crew, [laid])
@@ -168,8 +175,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
         )
         assert crew.course is not None
         searched = swept.area(laid, sailed, length, spacing, crew.course.share)
-        # Every other leg of a pattern is a cross leg, which is not counted, nor are legs outside
-        # the area.
+        # Cross legs (every other leg of a pattern) and legs outside the area are not counted.
         across = round(searched.width / spacing)
         numbers = {k // 2 + 1 - searched.first for k in sailed.cut if k % 2 == 0}
         cut = tuple(sorted(number for number in numbers if 0 < number <= across))
@@ -243,10 +249,8 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     )
 
 
-def _held(choice: Choice, turn: float) -> Swept:
-    """Return the rectangle that holds a pattern and what its outer legs sweep, with the legs that
-    are flown.
-    """
+def _enclosing_area(choice: Choice, turn: float) -> Swept:
+    """Return the rectangle that encloses a pattern and its outer sweeps, with the legs flown."""
     crew, flown = choice.crew, choice.flown
     nodes = rectangle.path(crew, choice.row, flown, 0)
     parallel = crew.manner.pattern == "parallel"

@@ -1,26 +1,26 @@
-"""How much any legs find at a coverage: the curve that the upper bound of a plan is made from.
+"""Upper bound of the detection probability of any legs at a coverage, for the bound of plans.
 
-A set of legs gives a particle at x the hazard H(x), the sum over legs of -log(1 - chance); it is
-found with the chance 1 - e^-H = integral over h of e^-h min(H, h), exactly. min(., h) of a sum is
-at most the sum of min(., h) of its parts, and one leg of length L adds W L g(h) to the integral of
-min(H, h) over the sea, with g(h) the integral of min(-log(1 - p(r)), h) across the leg, over W.
-Where the legs' W L come to the coverage C of an area the mean of min(H, h) is therefore at most C
-g(h), and at most h:
+A set of legs gives a particle at x the hazard H(x), the sum over legs of -log(1 - chance). Its
+detection probability is 1 - e^-H = integral over h of e^-h min(H, h), exactly. The function min(.,
+h) of a sum is at most the sum of min(., h) of its parts. One leg of length L adds W L g(h) to the
+integral of min(H, h) over the sea, where g(h) is the integral of min(-log(1 - p(r)), h) across the
+leg, over W. If the legs' W L amount to the coverage C of an area, the mean of min(H, h) is
+therefore at most C g(h), and at most h:
 
     b(C) = integral over h of e^-h min(h, C g(h))
 
 bounds every set of legs, parallel or not, long or short, of one law or (with the greatest g) of
-several. It is concave in C. Random search has g = 1, for its hazard is its coverage: b = 1 - e^-C.
-Definite range: g = h, b = min(C, 1). Inverse cube: g = 2 sqrt(h / pi), b = 1 - exp(-4 C^2 / pi) + C
-erfc(2 C / sqrt(pi)): 0.831 at C = 1, where parallel sweeps find 0.790. M-beta by itself finds at
-most what whole numbers of looks can, which is what its parallel sweeps find.
+several. It is concave in C. Random search has g = 1, because its hazard is its coverage: b = 1 -
+e^-C. Definite range: g = h, b = min(C, 1). Inverse cube: g = 2 sqrt(h / pi), b = 1 - exp(-4 C^2 /
+pi) + C erfc(2 C / sqrt(pi)), which is 0.831 at C = 1, where parallel sweeps reach 0.790. M-beta
+alone reaches at most the result of a whole number of looks, which is that of its parallel sweeps.
 
-Of a leg of inverse cube that ends, the integral is 2 sqrt(h / pi) W L + W^2 / 4 at the most
-(laws.ENDS): what lies ahead and astern.
+For an inverse cube leg that ends, the integral is at most 2 sqrt(h / pi) W L + W^2 / 4 (laws.ENDS);
+the second term is the sea ahead and astern.
 
-Unknown sweep widths: factors T of mean 1, one a group. E b(sum T_g C_g) is highest, in the convex
-order, when all groups are as sure as the surest and C is shared evenly among them: then the factor
-is gamma of the sum of their shapes. That bounds any share.
+Unknown sweep widths are factors T of mean 1, one for each group. E b(sum T_g C_g) is highest, in
+the convex order, if all groups are as certain as the most certain one and C is shared equally among
+them: then the factor is gamma of the sum of their shapes. That bounds any share.
 """
 
 import math
@@ -35,38 +35,38 @@ from drift.evidence.filter.records import Law
 from geo.array import Array
 
 STEP = 0.01  # of coverage
-MOST = 20.0  # coverage beyond which nothing is gained
-# half the window of coverage over which slopes are averaged, so that a kink does not stall the
-# search
+MOST = 20.0  # coverage beyond which the curve is flat
+# half the window over which slopes are averaged: kinks would stall the search
 SMOOTH = 0.06
 ROOTS = np.linspace(0.0, 6.5, 3251)  # of h: e^-h is 4e-19 at the last
-# p beyond which sums of Bessel functions lose their digits, and what wanders goes nearly straight
+# p beyond which sums of Bessel functions lose precision; targets then move nearly straight
 STRAIGHT = 6.0
 SHORT = 1e-5  # share by which the integral over ROOTS may be too low
 
 
 @dataclass(frozen=True)
 class Curve:
-    """The curve b at coverages 0, STEP, ..., MOST: concave and rising; with its slopes and its
-    conjugate.
-    """
+    """The curve b at coverages 0, STEP, ..., MOST (concave, rising), its slopes and conjugate."""
 
     value: Array  # (n,) smoothed: the integral of the slopes, at most b
-    slope: Array  # (n,) falling: any slopes will do for a bound, these are near the true ones
+    slope: Array  # (n,) falling; any slopes give a bound, these are near the true ones
     conjugate: Array  # (n,) max over C of b(C) - y C, at y = slopes[k] = k / (n - 1) * slope[0]
 
     @property
     def steepest(self) -> float:
-        """Slope at no coverage."""
+        """Slope at coverage 0."""
         return float(self.slope[0])
 
 
 @lru_cache(maxsize=16)
 def curve(used: tuple[Law, ...], shapes: tuple[float, ...] = (), wander: float = 0.0) -> Curve:
-    """Return the concave curve that bounds every use of some laws together.
+    """Return the concave curve that bounds any use of some laws together.
 
-    shapes: of the gamma distribution of each independent unknown factor of sweep width (inf:
-    known); none: known. wander: of Brownian bridges, as `wandering` takes it; 0: none.
+    Args:
+        used: the laws.
+        shapes: gamma shape of each independent unknown factor of sweep width (inf: known); (): all
+            are known.
+        wander: of Brownian bridges, as `wandering` takes it; 0: none.
     """
     c = np.arange(round(MOST / STEP) + 1) * STEP
     b = most(used, c, wander)
@@ -77,22 +77,28 @@ def curve(used: tuple[Law, ...], shapes: tuple[float, ...] = (), wander: float =
         b = _envelope(c, b)
     slope = _slopes(c, b)
     y = np.linspace(0, slope[0], len(c))
-    # The conjugate of straight pieces is taken at a corner: where the piece to the right is no
+    # The conjugate of a piecewise linear curve lies at the corner where the next piece is no
     # steeper than y.
     pieces = np.diff(b) / STEP
     at = np.searchsorted(-pieces, -y, side="left")
-    # Within a piece b is above the straight line, but below those that go on from the pieces beside
-    # it: as high as their triangle.
+    # Within a piece b lies above the chord, but below the lines that continue the neighbouring
+    # pieces: at most as high as their triangle.
     beside = np.concatenate([[2 * pieces[0] - pieces[1]], pieces, [pieces[-1]]])
-    bend, more = beside[:-2] - pieces, pieces - beside[2:]
-    peak = STEP * bend * more / np.maximum(bend + more, 1e-30)
+    bend, other_bend = beside[:-2] - pieces, pieces - beside[2:]
+    peak = STEP * bend * other_bend / np.maximum(bend + other_bend, 1e-30)
     above = np.concatenate([[0.0], np.maximum(peak, 0.0), [0.0]])
     smooth = np.concatenate([[0.0], np.cumsum((slope[1:] + slope[:-1]) / 2) * STEP])
     return Curve(smooth, slope, b[at] - y * c[at] + np.maximum(above[at], above[at + 1]))
 
 
 def most(used: Sequence[Law], coverage: Array, wander: float = 0.0) -> Array:
-    """Return what any legs of some laws find at the most where they come to a coverage, (n,)."""
+    """Return the largest detection probability of any legs at some coverages, shape (n,).
+
+    Args:
+        used: the laws of the legs.
+        coverage: shape (n,).
+        wander: of Brownian bridges, as `wandering` takes it; 0: none.
+    """
     if wander == 0 and len(used) == 1 and (known := laws.formulas_of(used[0]).any_legs) is not None:
         return known(used[0], coverage)
     h = ROOTS**2
@@ -105,14 +111,17 @@ def most(used: Sequence[Law], coverage: Array, wander: float = 0.0) -> Array:
 
 
 def wandering(h: Array, wander: float) -> Array:
-    """Return g(h) of inverse cube against what wanders about its way, from above.
+    """Return an upper bound of g(h) of inverse cube against wandering targets.
 
-    wander: K^2 over the speed of the sensor times its sweep width W. Past what goes straight hazard
-    falls on few; what wanders by has a little of it each. Of a circle of radius a about the sensor,
-    min(H, h) is at most h for all that ever come into it, and what they and others have outside of
-    it, W / 4a of coverage. The area from which a circle at speed v gathers Brownian particles of
-    diffusivity D = K^2 / 2 is 2 pi D sum of (-1)^n I_n(p) / K_n(p) a second, n over all integers,
-    with p = v a / 2 D, from the steady equation of diffusion past it.
+    The hazard of a straight pass falls on few targets; of wandering ones each gets a little.
+    Consider a circle of radius a about the sensor. For targets that ever enter it, min(H, h) is at
+    most h. Outside it, all targets together have W / 4a of coverage. A circle at speed v meets
+    Brownian particles of diffusivity D = K^2 / 2 from the area 2 pi D sum of (-1)^n I_n(p) / K_n(p)
+    a second, n over all integers, with p = v a / 2 D (steady diffusion past a moving circle).
+
+    Args:
+        h: hazards, shape (n,).
+        wander: K^2 over the speed of the sensor times its sweep width W.
     """
     from scipy import special  # imported here, because it takes half a second
 
@@ -121,7 +130,7 @@ def wandering(h: Array, wander: float) -> Array:
     n = np.arange(1, 60)[:, None]
     alternate = (-1.0) ** n * special.ive(n, p) / special.kve(n, p)
     gathered = np.exp(2 * p) * (special.ive(0, p) / special.kve(0, p) + 2 * alternate.sum(axis=0))
-    # beyond STRAIGHT by no smaller a share more than 2 a
+    # beyond STRAIGHT the excess over 2 a is bounded by that at STRAIGHT
     gathered *= np.pi * wander * (a / wander) / p
     return np.asarray(np.min(1 / (4 * a) + h[:, None] * gathered, axis=1))
 
@@ -141,7 +150,7 @@ def _envelope(c: Array, b: Array) -> Array:
 
 
 def _slopes(c: Array, b: Array) -> Array:
-    """Return slopes averaged over a window, straight on below no coverage."""
+    """Return slopes averaged over a window; the curve is extended straight below 0."""
     first, last = (b[1] - b[0]) / STEP, b[-1]
     low, high = c - SMOOTH, c + SMOOTH
     below = np.where(low < 0, low * first, np.interp(low, c, b))

@@ -1,9 +1,9 @@
-"""Patterns as a planner would draw them by hand, for the optimiser to start from and to be measured
-by.
+"""Standard search patterns, as a planner would draw them by hand.
 
-Each is laid at the mean position or over one of the densest spots of what is left (both sides of a
-strait are two of them), on the ground or in a frame that drifts as the particles there do. All its
-numbers come from tables: of the pattern, of the shape of its area, of the spacing.
+They are starting points of the optimiser and a benchmark for its plans. Each pattern is centred on
+the mean position or on one of the densest spots of the remaining probability (both sides of a
+strait are two of them). Its frame is fixed to the ground or drifts with the particles there. All
+parameters come from tables of patterns, shapes and spacings.
 """
 
 import math
@@ -20,9 +20,9 @@ from geo.array import Array
 from kernels.planning import sweeps
 
 SPOTS = 3  # densest spots, beside the mean position
-WAITS = (0.0, 0.3, 0.6)  # of the time that a unit could wait
+WAITS = (0.0, 0.3, 0.6)  # shares of the longest possible wait
 SPACINGS = (0.6, 1.0, 1.6, 2.5, 4.0)  # [sweep widths]
-TIMES = (1, 2, 4)  # how often sectors are flown
+TIMES = (1, 2, 4)  # repetitions of a sector search
 # Patterns, with their lengths over widths and orientations [rad] off the cloud's longer axis: a
 # parallel track in a square, along the cloud, and a creeping line, whose legs lie across it.
 SHAPES = (
@@ -32,36 +32,35 @@ SHAPES = (
     ("square", 1.0, 0.0),
     ("sector", 1.0, 0.0),
 )
-RESPACED = (1.6, 2.5, 4.0)  # times the spacing of the plan's own area, about the same centre
+RESPACED = (1.6, 2.5, 4.0)  # factors on the spacing of the plan's own area, same centre
 KEPT = 3  # best patterns of one unit that are tried on more particles
 
 
 @dataclass(frozen=True)
 class _Spot:
-    """Where particles are dense when a unit arrives."""
+    """A spot where particles are dense when a unit arrives."""
 
     wait: float  # [s]
-    start: float  # [s] when it is searched
+    start: float  # [s] begin of the search
     duration: float
-    place: Array  # (2,) [m] then
-    velocity: Array  # (2,) [m/s] of the particles there, in the mean over the search
+    place: Array  # (2,) [m] at the begin of the search
+    velocity: Array  # (2,) [m/s] mean of the particles there during the search
     axis: float  # [rad] of their longer axis, clockwise from north
 
 
 def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choice]:
-    """Return the patterns of a unit that add most to the others' finds, the best first, as found at
-    a stage.
+    """Return the patterns of a unit that add most to the others' plan, best first.
 
     Args:
-        plan: of all units; that of the unit itself may be None, or what it flies now.
-        u: number of the unit.
+        plan: of all units; the entry of this unit may be None, or its present choice.
+        u: index of the unit.
         crew: the unit, with plain legs.
         few: a stage of few particles, legs as flown, on which all patterns are tried.
         stage: the stage of the result.
 
     Returns:
         At most KEPT choices, each of another manner, that keep the separation from the other units
-        at `few`.
+            at `few`.
     """
     if crew.random:
         return []
@@ -69,14 +68,14 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
     others = [choice.find for k, choice in enumerate(known) if choice is not None and k != u]
     left, later = joint.others(others, own.find.time if own else math.inf, few.nodes, few.m)
     undetected = few.weight[:, None] * left
-    tried = list(_patterns(crew, few, undetected.sum(axis=1), own))
+    tried_patterns = list(_patterns(crew, few, undetected.sum(axis=1), own))
     ranked: list[tuple[float, Crew, Array]] = []
-    for manner in dict.fromkeys(manner for manner, _ in tried):
-        # Cutting hundreds of patterns at the coast would take minutes: all are tried whole, and the
-        # best are cut.
-        flier = replace(crew, manner=manner, course=None)
-        rows = np.array([row for other, row in tried if other == manner])
-        flown = rectangle.fly(flier, rows, few.executed)
+    for manner in dict.fromkeys(manner for manner, _ in tried_patterns):
+        # Cutting hundreds of patterns at the coast would take minutes: try them uncut, and cut only
+        # the best.
+        crew_in_manner = replace(crew, manner=manner, course=None)
+        rows = np.array([row for other, row in tried_patterns if other == manner])
+        flown = rectangle.fly(crew_in_manner, rows, few.executed)
         allowed = flown.possible & (rectangle.share(crew, rows, flown) >= rectangle.LEAST_SEA)
         for k, other in enumerate(plan):
             if other is not None and k != u:
@@ -84,7 +83,7 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
         which = np.flatnonzero(allowed)
         if not which.size:
             continue
-        paths = [rectangle.path(flier, rows[k], flown, int(k)) for k in which]
+        paths = [rectangle.path(crew_in_manner, rows[k], flown, int(k)) for k in which]
         gains = sweeps.gains(
             few.swarm, crew.table, paths, crew.width, crew.factor, undetected, later
         )
@@ -92,17 +91,21 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
         ranked.append((float(gains[k]), replace(crew, manner=manner), rows[which[k]]))
     ranked.sort(key=lambda one: -one[0])
     kept: list[Choice] = []
-    for _, flier, row in ranked:
-        if len(kept) < KEPT and rectangle.fly(flier, row[None, :], stage.executed).possible[0]:
-            kept.append(candidates.choose(flier, row, stage))
+    for _, crew_in_manner, row in ranked:
+        if (
+            len(kept) < KEPT
+            and rectangle.fly(crew_in_manner, row[None, :], stage.executed).possible[0]
+        ):
+            kept.append(candidates.choose(crew_in_manner, row, stage))
     return kept
 
 
 def _patterns(
     crew: Crew, stage: Stage, mass: Array, own: Choice | None
 ) -> Iterator[tuple[Manner, Array]]:
-    """Yield manners and rows; mass: probability of each particle that is left, (m,); own: what the
-    unit has now.
+    """Yield candidate patterns as manner and row.
+
+    mass: remaining probability of each particle, (m,); own: the unit's present choice.
     """
     width, speed = max(crew.widest, 1.0), crew.unit.search_speed
     least = max(crew.unit.least_spacing, 1.0)
@@ -112,8 +115,7 @@ def _patterns(
         if 0 < np.hypot(*spot.velocity) < manners.FASTEST * speed:
             frames.append(spot.velocity)
         for frame in frames:
-            # A frame is laid where it is at the beginning; what stands still, where particles are
-            # midway.
+            # A drifting frame is placed for the begin of the search, a fixed one for its middle.
             place = spot.place + (spot.velocity - frame) * spot.duration / 2
             for pattern, ratio, turn in SHAPES:
                 spacings = [track / manners.SEARCH / times for times in TIMES]
@@ -138,9 +140,7 @@ def _patterns(
 
 
 def _spots(crew: Crew, stage: Stage, mass: Array) -> Iterator[_Spot]:
-    """Yield the mean position and the densest spots of what is left at times when the unit can
-    search.
-    """
+    """Yield the mean position and densest spots at times when the unit can search."""
     if mass.sum() <= 0 or not crew.available.spans:
         return
     edges = stage.swarm.time.shape[0]
@@ -163,45 +163,44 @@ def _spots(crew: Crew, stage: Stage, mass: Array) -> Iterator[_Spot]:
             np.stack([_at(x, *first), _at(y, *first)]),
             np.stack([_at(x, *last), _at(y, *last)]),
         )
-        held = np.where(_at(value, *first) >= 0, mass, 0.0)
-        if held.sum() <= 0:
+        present_mass = np.where(_at(value, *first) >= 0, mass, 0.0)
+        if present_mass.sum() <= 0:
             continue
         wait = share * slack
         middle = np.ones(stage.m, bool)
-        for some in (
+        for members in (
             middle,
-            *_dense(here, held, math.sqrt(crew.widest * crew.unit.search_speed * duration)),
+            *_dense(here, present_mass, math.sqrt(crew.widest * crew.unit.search_speed * duration)),
         ):
-            part = np.where(some, held, 0.0)
-            part = part / part.sum()
-            place = here @ part
-            off = here - place[:, None]
-            _, axes = np.linalg.eigh((off * part) @ off.T)
-            velocity = (there @ part - place) / duration
+            share_of_mass = np.where(members, present_mass, 0.0)
+            share_of_mass = share_of_mass / share_of_mass.sum()
+            place = here @ share_of_mass
+            offset = here - place[:, None]
+            _, axes = np.linalg.eigh((offset * share_of_mass) @ offset.T)
+            velocity = (there @ share_of_mass - place) / duration
             yield _Spot(wait, start, duration, place, velocity, math.atan2(axes[0, 1], axes[1, 1]))
 
 
 def _moment(time: Array, at: float) -> tuple[int, float]:
-    """Return the bin of a time, and the share of the bin that has passed by then."""
+    """Return the bin of a time, and the elapsed share of that bin."""
     k = int(np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2))
     return k, float(np.clip((at - time[k]) / (time[k + 1] - time[k]), 0, 1))
 
 
 def _at(values: Array, k: int, share: float) -> Array:
+    """Return values interpolated within a bin."""
     return np.asarray(values[:, k] * (1 - share) + values[:, k + 1] * share, np.float64)
 
 
 def _dense(here: Array, mass: Array, cell: float) -> Iterator[Array]:
-    """Yield which particles, bool (m,), are in each of the cells that hold most and do not touch
-    each other.
-    """
+    """Yield bool (m,): particles in each of the fullest cells that do not touch."""
     index, which = np.unique(
         np.floor(here / max(cell, 1.0)).astype(np.int64), axis=1, return_inverse=True
     )
-    held, which = np.bincount(which.ravel(), mass), which.ravel()
+    mass_of_cell, which = np.bincount(which.ravel(), mass), which.ravel()
     for _ in range(SPOTS):
-        k = int(np.argmax(held))
-        if held[k] <= 0:
+        k = int(np.argmax(mass_of_cell))
+        if mass_of_cell[k] <= 0:
             return
         yield which == k
-        held[np.abs(index - index[:, k : k + 1]).max(axis=0) <= 1] = 0.0
+        mass_of_cell[np.abs(index - index[:, k : k + 1]).max(axis=0) <= 1] = 0.0

@@ -1,12 +1,13 @@
-"""Tracks to plan on: particles of their own, followed through all that is known and on from there.
+"""Planning particles: their tracks during the plan, given everything known before it.
 
-They are drawn with another seed than those that the plan is scored on, so that it cannot profit
-from their accidents.
+They use another random seed than the particles on which the plan is scored, so that the plan cannot
+overfit those.
 
-Tracks are straight between their times. What drifts bends slowly; what steers may turn anywhere,
-and a right-angled turn in the middle of a bin leaves a chord that is v dt / sqrt(8) off it: 0.6 nmi
-at 20 kn in five minutes, 7 nmi in an hour. So bins are short where a case steers, and steps of the
-run end at their edges: there the mean velocity of a bridge's leg is read, which its noise hides.
+Tracks are straight between their times. Drift paths bend slowly. Steering particles may turn
+anywhere: with a right-angled turn in the middle of a bin the chord is v dt / sqrt(8) off, which is
+0.6 nmi at 20 kn in five minutes and 7 nmi in an hour. So bins are short if a case steers, and run
+steps end at bin edges. There the mean velocity of a bridge's leg is read, which the bridge's noise
+would hide.
 """
 
 from dataclasses import replace
@@ -31,56 +32,54 @@ from geo.array import Array
 from kernels.maths import noise
 from kernels.maths.noise import Purpose
 
-BINS = 48  # over the time of a plan, at least, unless they would be shorter than
+BINS = 48  # fewest bins of a plan, unless they would be shorter than SHORTEST
 SHORTEST = 300  # [s]
-# of what steers, in all: bins of SHORTEST as long as there are no more than these
+# most positions if particles steer: bins have the length SHORTEST up to this number
 POSITIONS = 8_000_000
 
 
 def follow(case: Case, where: Environment) -> Tracks:
-    """Return tracks from the plan's begin to its end, weighted by all sorties and contacts of the
-    case.
-    """
+    """Return tracks from the plan's begin to its end, weighted by all sorties and contacts."""
     spec = case.plan
     span = int((spec.until - spec.begin) / np.timedelta64(1, "s"))
     count = max(span // max(SHORTEST, span // BINS), 1)
     steers = [s.itinerary for s in case.scenarios if s.itinerary is not None]
     seed = noise.seed_for(case.seed, Purpose.PLANNING)
-    few = replace(
+    planning_case = replace(
         case, particles=spec.particles, seed=seed, end=spec.until, resampling=Resampling()
     )
-    begin = run_setup.prepare(few, where)
+    setup = run_setup.prepare(planning_case, where)
     try:
-        search = run_setup.build_search_filter(few, begin)
+        search = run_setup.build_search_filter(planning_case, setup)
         first = case.period.elapsed(spec.begin)
         edges = np.unique(np.linspace(0, span, count + 1).round().astype(np.int64))
         if steers:
-            edges = _on_lattice(span, spec.particles, begin.clock, first)
+            edges = _on_lattice(span, spec.particles, setup.clock, first)
         moments, flows, ports, drawn = (
             list[Moment](),
             list[Array](),
             list[Array](),
-            run_setup.ensemble_spec(few),
+            run_setup.ensemble_spec(planning_case),
         )
         bridged = _bridged(steers)
         for moment in simulate.run(
-            begin.ensemble, begin.scene, begin.clock, first + edges, search=search
+            setup.ensemble, setup.scene, setup.clock, first + edges, search=search
         ):
             moments.append(moment)
             ports.append(
                 overdue.in_port(
-                    drawn, begin.ensemble, moment.status, case.period.time(moment.elapsed)
+                    drawn, setup.ensemble, moment.status, case.period.time(moment.elapsed)
                 )
             )
             if bridged.any():
-                # Inside a step the columns are those of its end; there the velocity that it began
-                # with still holds.
-                known = not flows or begin.clock.ends(moment.elapsed)
-                flows.append(_flow(begin.ensemble, bridged, moment.elapsed) if known else flows[-1])
+                # Inside a step the columns are those of its end, so the velocity of its begin is
+                # kept.
+                known = not flows or setup.clock.ends(moment.elapsed)
+                flows.append(_flow(setup.ensemble, bridged, moment.elapsed) if known else flows[-1])
     finally:
-        begin.scene.forcing.close()
-    ensemble = begin.ensemble
-    epoch = begin.clock.start
+        setup.scene.forcing.close()
+    ensemble = setup.ensemble
+    epoch = setup.clock.start
     unseen = () if spec.ashore else STRANDED
     seen = [
         on_map(moment.status) & ~np.isin(moment.status, unseen) & ~port
@@ -102,13 +101,12 @@ def follow(case: Case, where: Environment) -> Tracks:
 
 
 def _on_lattice(span: int, particles: int, clock: Clock, first: int) -> Array:
-    """Return edges of bins [s after the plan's begin], int64, such that each step of the run ends
-    at one.
+    """Return bin edges [s after the plan's begin], int64, with one at each end of a run step.
 
-    span [s] of the plan; first: when it begins [s after the run's start].
+    span: length of the plan [s]; first: its begin [s after the run's start].
     """
     finest = max(SHORTEST, -(-span * particles // POSITIONS))
-    last = clock.start + first - clock.phase  # its begin, in the lattice's own time
+    last = clock.start + first - clock.phase  # the plan's begin in the lattice's own time
     low = last // clock.step * clock.step - last
     if clock.step > finest:
         ticks = low + np.arange(0, span - low + clock.step, clock.step)
@@ -125,11 +123,10 @@ def _on_lattice(span: int, particles: int, clock: Clock, first: int) -> Array:
 
 
 def _bridged(itineraries: list[Itinerary]) -> Array:
-    """Return the spread rates [m/sqrt(s)] of all itineraries' phases, in their order; 0: it follows
-    no bridge.
+    """Return the spread rate [m/sqrt(s)] of each phase of all itineraries; 0: no bridge.
 
-    Where they are uncertain these are the middle ones. One more at the end: what has arrived is
-    beyond its last phase.
+    Uncertain rates count with their median. One more entry at the end stands for arrived particles,
+    which are beyond their last phase.
     """
     rates = [
         phase.k if isinstance(phase, Ways) else 0.0 for own in itineraries for phase in own.phases
@@ -138,28 +135,31 @@ def _bridged(itineraries: list[Itinerary]) -> Array:
 
 
 def _flow(ensemble: Ensemble, bridged: Array, time: int) -> Array:
-    """Return the mean velocity [m/s] east and north of what follows a bridge, and its K, float32
-    (3, n), else NaN.
+    """Return mean velocity [m/s] (east, north) and K of bridges, float32 (3, n).
 
-    time [s after the run's start]: that of the ensemble's columns.
+    NaN for particles that follow no bridge. time: of the ensemble's columns [s after the run's
+    start].
     """
     phase, status, to_time = (
         ensemble.columns[name].to_numpy() for name in ("phase", "status", "to_time")
     )
-    mine = (bridged[phase] > 0) & (status == Status.UNDER_WAY) & (to_time > time)
+    on_bridge = (bridged[phase] > 0) & (status == Status.UNDER_WAY) & (to_time > time)
     lon, lat, to_lon, to_lat = (
-        ensemble.columns[name].to_numpy()[mine] * sphere.UNIT
+        ensemble.columns[name].to_numpy()[on_bridge] * sphere.UNIT
         for name in ("lon", "lat", "to_lon", "to_lat")
     )
-    flow = np.full((3, len(mine)), np.nan, np.float32)
-    flow[2, mine] = bridged[phase[mine]]
-    flow[:2, mine] = np.stack(sphere.offset(lon, lat, to_lon, to_lat)) / (to_time[mine] - time)
+    flow = np.full((3, len(on_bridge)), np.nan, np.float32)
+    flow[2, on_bridge] = bridged[phase[on_bridge]]
+    flow[:2, on_bridge] = np.stack(sphere.offset(lon, lat, to_lon, to_lat)) / (
+        to_time[on_bridge] - time
+    )
     return flow
 
 
 def _turn(case: Case, ensemble: Ensemble, epoch: int) -> Array:
-    """Return when each particle goes adrift [s since 1970]; -inf where none steers, inf where it
-    ended before.
+    """Return when each particle goes adrift [s since 1970], shape (m,).
+
+    -inf in scenarios that do not steer, inf for particles that have arrived or run aground.
     """
     ended = np.isin(ensemble.status.to_numpy(), (Status.ARRIVED, Status.AGROUND))
     turn = np.where(ended, np.inf, epoch + ensemble.release.to_numpy().astype(np.float64))

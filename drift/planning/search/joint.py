@@ -1,9 +1,8 @@
-"""What several sorties find together of the same particles, and what one more would add to the
-others.
+"""Joint detection probability of several sorties, and the gain of one more.
 
-Sorties miss independently given the unknown factors of the sweep widths; those are taken at joint
-nodes (k). With what finding is worth falling in time, sorties count in the order of their middles:
-two at the same time are taken one after the other.
+Sorties miss independently, given the unknown factors of the sweep widths; those take joint values
+(nodes, k). If the worth of finding falls with time, sorties count in the order of their middle
+times. Two at the same time are taken one after the other.
 """
 
 import math
@@ -16,22 +15,24 @@ from drift.evidence.filter.detection import laws
 from drift.evidence.filter.records import Unit
 from geo.array import Array
 
-NODES = {0: 1, 1: 6, 2: 4, 3: 3}  # of each unknown factor, by how many there are; more: 2
-MOST_GROUPS = 6  # unknown factors that are treated as such; further ones count as known
+NODES = {0: 1, 1: 6, 2: 4, 3: 3}  # nodes per unknown factor, by number of factors; more: 2
+MOST_GROUPS = 6  # most unknown factors; further ones are treated as known
 
 
 @dataclass(frozen=True)
 class Find:
-    """What one sortie finds."""
+    """Detection probabilities of one sortie."""
 
-    time: float  # [s] its middle
-    chance: Array  # (m, nodes) of finding each particle, given that it was not found before
-    worth: Array  # (m,) of finding it then
+    time: float  # [s] middle of the sortie
+    chance: Array  # (m, nodes) probability of finding a particle that was not found before
+    worth: Array  # (m,) of finding it at that time
 
 
 def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
-    """Return each unit's factor of sweep width at the joint nodes, (units, nodes), and their
-    weights, (nodes,).
+    """Return sweep width factors at the joint nodes, and the weights of the nodes.
+
+    Returns:
+        Factors, shape (units, nodes), and weights, shape (nodes,).
     """
     names = [unit.group or unit.name for unit in units]
     groups = list(
@@ -49,17 +50,25 @@ def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
 
 
 def worth(finds: Sequence[Find], weight: Array) -> Array:
-    """Return what finding is worth on average, for each particle (m,): for POS, its chance of being
-    found.
+    """Return the mean worth of what sorties find of each particle, shape (m,).
+
+    With a worth of 1 that is the probability of detection.
     """
     return _later(sorted(finds, key=lambda find: find.time)) @ weight
 
 
 def others(finds: Sequence[Find], time: float, weight: Array, m: int) -> tuple[Array, Array]:
-    """Return what is left of each particle at a time, and what later sorties still bring, both (m,
-    nodes).
+    """Return what the other sorties leave of each particle, and what later ones still add.
 
-    What is left is multiplied by the nodes' weights.
+    Args:
+        finds: of the other sorties.
+        time: middle of the sortie in question [s].
+        weight: of the nodes, shape (nodes,).
+        m: number of particles.
+
+    Returns:
+        Probability of being missed before `time`, times the nodes' weights, and the worth of what
+            later sorties find; both of shape (m, nodes).
     """
     ordered = sorted(finds, key=lambda find: find.time)
     before = np.broadcast_to(weight, (m, len(weight))).copy()
@@ -71,6 +80,7 @@ def others(finds: Sequence[Find], time: float, weight: Array, m: int) -> tuple[A
 
 
 def _later(ordered: Sequence[Find]) -> Array:
+    """Return the worth of what sorties find, in their order, shape (m, nodes)."""
     total = np.zeros(ordered[0].chance.shape)
     for find in reversed(ordered):
         total = find.chance * find.worth[:, None] + (1 - find.chance) * total

@@ -1,8 +1,7 @@
-"""How a unit lays its legs: the pattern, and the frame in which it is laid.
+"""Manner of a search: its pattern, and the frame in which the pattern is laid.
 
-A pattern is laid in a frame that stands on the ground or drifts at a constant velocity, as a cloud
-does; over ground the unit keeps its search speed. Patterns are those of the IAMSAR Manual, Vol. II,
-chapter 5.
+The frame is fixed to the ground or drifts at a constant velocity, like the cloud. The unit keeps
+its search speed over ground. Patterns are those of the IAMSAR Manual, Vol. II, chapter 5.
 """
 
 import math
@@ -14,13 +13,13 @@ import numpy as np
 
 from geo.array import Array
 
-SEARCH = 9.0  # radii of track in a sector search: three sectors, each out, across and back
-FASTEST = 0.5  # of the search speed: greatest speed of a frame
+SEARCH = 9.0  # track of a sector search in radii: three sectors, each out, across and back
+FASTEST = 0.5  # greatest speed of a frame, as a share of the search speed
 
 
 @dataclass(frozen=True)
 class Manner:
-    """A pattern, and the velocity over ground of the frame in which it is laid."""
+    """A pattern, and the velocity over ground of its frame."""
 
     pattern: str = "parallel"  # an entry of PATTERNS
     east: float = 0.0  # [m/s]
@@ -33,7 +32,7 @@ class Manner:
 
     @property
     def plain(self) -> bool:
-        """Whether it is parallel legs on the ground."""
+        """Whether the pattern is parallel legs on the ground."""
         return self.pattern == "parallel" and not self.moves
 
 
@@ -41,7 +40,7 @@ PLAIN = Manner()
 
 
 class Size(NamedTuple):
-    """The size of patterns that fill their track, (c,) each."""
+    """Size of patterns that use their whole track, shape (c,) each."""
 
     legs: Array
     spacing: Array  # [m]; of a sector search its radius
@@ -51,18 +50,18 @@ class Size(NamedTuple):
 
 @dataclass(frozen=True)
 class Pattern:
-    """A pattern: its size, and its points."""
+    """A pattern: its name, its size and its points."""
 
-    words: str  # as crews call it
-    # of the track [m], the spacing [m] and the ratio of length to width
+    words: str  # name that crews use
+    # returns the size for track [m], spacing [m] and ratio of length to width
     size: Callable[[Array, Array, Array], Size]
-    # (along, across) [m] of its points, by number of legs, spacing and length [m]; from a corner
-    # (along, across) on
+    # returns points (along, across) [m] for number of legs, spacing and length [m], and the corner
+    # (along, across) where the pattern starts
     points: Callable[[int, float, float, float, float], tuple[Array, Array]]
 
 
 def _parallel_size(track: Array, spacing: Array, ratio: Array) -> Size:
-    """Return n legs of L - S and n - 1 cross legs of S, which are n L - S of track."""
+    """Return n legs of L - S and n - 1 cross legs of S: n L - S of track in total."""
     legs = np.maximum(np.rint(np.sqrt(track / (ratio * spacing))), 1)
     return Size(legs, spacing, (track + spacing) / legs, legs * spacing)
 
@@ -70,6 +69,7 @@ def _parallel_size(track: Array, spacing: Array, ratio: Array) -> Size:
 def _parallel_points(
     legs: int, spacing: float, length: float, along: float, across: float
 ) -> tuple[Array, Array]:
+    """Return the ends of parallel legs."""
     half = (length - spacing) / 2
     ends = np.where(np.arange(legs) % 2 == 0, half, -half) * along
     aside = np.repeat((np.arange(legs) - (legs - 1) / 2) * -across * spacing, 2)
@@ -77,16 +77,17 @@ def _parallel_points(
 
 
 def _square_size(track: Array, spacing: Array, ratio: Array) -> Size:
-    """Return an expanding square whose legs are S, S, 2 S, 2 S, ... long, the last of them cut off."""
+    """Return an expanding square with legs S, S, 2 S, 2 S, ..., the last one cut off."""
     # n legs are S ceil(n/2) (floor(n/2) + 1) long
     legs = np.maximum(np.ceil(2 * np.sqrt(track / spacing)), 1)
-    side = (np.ceil(legs / 2) + 2) * spacing  # it lies off its datum by half a spacing
+    side = (np.ceil(legs / 2) + 2) * spacing  # its centre is half a spacing off the datum
     return Size(legs, spacing, side, side)
 
 
 def _square_points(
     legs: int, spacing: float, length: float, along: float, across: float
 ) -> tuple[Array, Array]:
+    """Return the corners of an expanding square."""
     reach, course = (np.arange(legs) // 2 + 1) * spacing, np.arange(legs) % 4
     steps = (
         reach * np.array(way)[course] for way in ((along, 0, -along, 0), (0, across, 0, -across))
@@ -96,7 +97,7 @@ def _square_points(
 
 
 def _sector_size(track: Array, spacing: Array, ratio: Array) -> Size:
-    """Return as many whole sector searches as come nearest to a radius, given as the spacing."""
+    """Return whole sector searches with a radius near the one given as spacing."""
     times = np.maximum(np.rint(track / (SEARCH * spacing)), 1)
     radius = track / (SEARCH * times)
     return Size(9 * times, radius, 2 * radius, 2 * radius)
@@ -105,8 +106,10 @@ def _sector_size(track: Array, spacing: Array, ratio: Array) -> Size:
 def _sector_points(
     legs: int, spacing: float, length: float, along: float, across: float
 ) -> tuple[Array, Array]:
-    """Return sectors: out along a radius, across by a chord and back, every search turned by 30
-    degrees.
+    """Return the corners of sector searches.
+
+    Each sector goes out along a radius, across by a chord and back. Each further search is turned
+    by 30 degrees.
     """
     number = np.arange(legs // 3)
     out = np.radians(240.0 * (number % 3) + 30.0 * (number // 3))
@@ -130,20 +133,20 @@ PATTERNS = {
 def ground(
     x: Array, y: Array, manner: Manner, start: float, duration: float, speed: float
 ) -> Array:
-    """Return nodes over ground of legs through points of a frame.
+    """Return nodes over ground of legs through points of a drifting frame.
 
     Args:
-        x: east of the points when the frame is at its start [m], (k,).
-        y: north of them [m], (k,).
-        manner: whose frame drifts.
-        start: when the legs begin [s], a whole second.
-        duration: after which legs are cut off [s].
+        x: east of the points when the frame is at its start [m], shape (k,).
+        y: north of them [m], shape (k,).
+        manner: with the drift of the frame.
+        start: begin of the legs [s], a whole second.
+        duration: time after which legs are cut off [s].
         speed: over ground [m/s], above that of the frame.
 
     Returns:
-        Time [s], x, y [m], and 1 for a leg that searches, (n, 4). Times are whole seconds after the
-        start, as in a case
-        file: legs are up to half a second too long or short.
+        Time [s], x, y [m], and 1 for a leg that searches, shape (n, 4). Times are whole seconds
+            after the start, as in a case file; legs are therefore up to half a second too long or
+            short.
     """
     dx, dy = np.diff(x), np.diff(y)
     along = dx * manner.east + dy * manner.north

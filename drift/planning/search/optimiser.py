@@ -1,12 +1,11 @@
-"""Rectangles for units, one each, that together find most of the particles, which move.
+"""Optimiser: one search rectangle for each unit, so that together they find most particles.
 
 Each unit in turn gets the rectangle that adds most to what the others find (block-coordinate
-ascent), again and again, from several beginnings. A rectangle is searched for among many drawn
-where the particles are, then around the best of them in ever smaller steps (an evolution strategy):
-first with its legs smeared out, on few particles, then with its legs as flown, on many. So are
-patterns that a planner would draw by hand (drift.planning.search.drawn): beside that plan, and as a
-plan of their own. Which of all these plans is proposed is decided on particles that none of them
-was made on.
+ascent), repeatedly and from several starts. The search for a rectangle begins with many random ones
+among the particles, then varies the best of them in ever smaller steps (an evolution strategy):
+first with legs smeared out, on few particles, then with legs as flown, on many. Standard patterns
+(drift.planning.search.drawn) compete with that plan, and form another plan of their own. The plan
+that is proposed is chosen on particles that no plan was made on.
 """
 
 import math
@@ -41,28 +40,25 @@ from geo.array import Array
 from kernels.maths import noise
 from kernels.planning import rectangles, sweeps
 
-BINS = 10  # most bins of time while legs are smeared out, where all drifts
-STEERED = 30  # the same where something steers, which turns
+BINS = 10  # most time bins while legs are smeared out, if all particles drift
+STEERED = 30  # the same if some steer, because those turn
 FEW, MORE, MANY = 2_500, 8_000, 10_000  # particles in the first, second and third stage
 BEGINNINGS = 3
-KICKS = 8  # times that two units of the best plan are tasked again
+KICKS = 8  # how often two units of the best plan are replanned from scratch
 ROUNDS = 4  # most rounds over all units in the first stage
-DRAWN = 768  # rectangles drawn at the beginning of a search
-PATIENCE = 5e-3  # share of what is found that an hour of waiting must add
-PRICES = (0.0, 0.1, 0.3, 1.0)  # prices of being too near to another unit, used one after the other
-NEAR = 0.998  # a new rectangle that saves waiting may lower the plan's worth to this share
-FILLED = 0.9  # a boat that uses less of its search time is tasked again
-# every so many-th particle, in the order of strata, takes no part in making plans but in choosing
-# one
+DRAWN = 768  # random rectangles at the start of a search
+PATIENCE = 5e-3  # relative gain that an hour of waiting must add
+PRICES = (0.0, 0.1, 0.3, 1.0)  # prices of being too near to another unit, in turn
+NEAR = 0.998  # a new rectangle that saves waiting may lower the plan's value to this share
+FILLED = 0.9  # a boat that uses less of its search time gets a new rectangle
+# every JUDGES-th particle, in the order of strata, is kept for choosing among plans
 JUDGES = 3
 CHILDREN, PARENTS = 96, 12  # rectangles in each generation
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """What each unit is to do, by takeoff, and what that would find of the tracks for which it was
-    made.
-    """
+    """Taskings by takeoff, and their value on the tracks on which they were planned."""
 
     taskings: tuple[Tasking, ...]
     seen: float
@@ -78,11 +74,16 @@ def plan(
     tell: Callable[[float], None] | None = None,
     at_sea: Mapping[str, Course] | None = None,
 ) -> Proposal:
-    """Return one sortie for each unit that can search, which together find most of the tracks'
-    particles.
+    """Return one sortie for each unit that can search, which together find most particles.
 
-    survival: of each scenario; used where spec.objective is "alive". tell: called with the share
-    that is done. at_sea: courses of boats near land, by name of unit; all other units go straight.
+    Args:
+        tracks: planning particles.
+        units: that may search.
+        spec: of the plan.
+        seed: of the optimiser's random numbers.
+        survival: of each scenario; used if `spec.objective` is "alive".
+        tell: callback that receives the progress, 0 to 1.
+        at_sea: courses of boats near land, by name of unit; all other units go straight.
     """
     at_sea = at_sea or {}
     tell = tell or (lambda share: None)
@@ -92,24 +93,27 @@ def plan(
     crews = _crews(units, spec, plane, float(tracks.time[0]), factor, at_sea)
 
     def stage(sampled: Tracks, executed: bool) -> Stage:
+        """Return the stage of some tracks."""
         swarm = _swarm(sampled, spec, survival, plane)
         return Stage(sampled.m, swarm, sampled.weight, nodes, executed, spec.separation)
 
-    making, judging = _parted(tracks)
+    making, judging = _split_tracks(tracks)
     coarse_tracks = record.coarser(making, BINS if tracks.turn is None else STEERED)
     coarse, finer = (
         stage(record.sample(coarse_tracks, min(making.m, n)), False) for n in (FEW, MORE)
     )
-    starts = _begun(crews, coarse, spec.separation > 0, rng, tell)
+    starts = _starts(crews, coarse, spec.separation > 0, rng, tell)
     smeared = _polished([start for _, start in starts[:6]], crews, finer, rng)
     tell(0.6)
     few, executed = (stage(record.sample(making, min(making.m, n)), True) for n in (FEW, MANY))
     judge, full = stage(judging, True), stage(tracks, True)
     made = _as_flown(smeared, crews, executed, rng)
     tell(0.7)
-    improved = _hand_drawn(candidates.at_stage(made, executed), crews, few, executed, rng)
+    improved = _try_standard_patterns(
+        candidates.at_stage(made, executed), crews, few, executed, rng
+    )
     tell(0.8)
-    by_hand = _hand_drawn([None] * len(crews), crews, few, executed, rng)
+    by_hand = _try_standard_patterns([None] * len(crews), crews, few, executed, rng)
     tell(0.9)
     best = max(
         (candidates.at_stage(one, judge) for one in (made, improved, by_hand)),
@@ -137,9 +141,10 @@ def plan(
     return Proposal(candidates.taskings(chosen, full), float(tracks.weight @ gain), alternatives)
 
 
-def _parted(tracks: Tracks) -> tuple[Tracks, Tracks]:
-    """Split the tracks into those on which plans are made and those on which one is chosen; both
-    are unbiased samples.
+def _split_tracks(tracks: Tracks) -> tuple[Tracks, Tracks]:
+    """Split the tracks into those for making plans and those for choosing one.
+
+    Both are unbiased samples.
     """
     strata = record.order(tracks)
     judges = np.arange(tracks.m) % JUDGES == JUDGES // 2
@@ -176,17 +181,17 @@ def _crews(
     return crews
 
 
-def _begun(
+def _starts(
     crews: list[Crew],
     coarse: Stage,
     apart: bool,
     rng: np.random.Generator,
     tell: Callable[[float], None],
 ) -> list[tuple[float, Plan]]:
-    """Return (what it finds, plan) from several beginnings, the best first, on few particles.
+    """Return (value, plan) from several starts, best first, on few particles.
 
-    Legs are smeared out. apart: whether units must keep apart. Because they would shut each other
-    out, a growing price moves them apart first; only then is it forbidden to be too near.
+    Legs are smeared out. apart: whether units must keep apart. Forbidding it from the start would
+    shut units out. So a growing price moves them apart first, and only then is nearness forbidden.
     """
     prices = [*(PRICES if apart else ()), *[math.inf] * ROUNDS]
     starts: list[tuple[float, Plan]] = []
@@ -212,7 +217,7 @@ def _begun(
 
 
 def _polished(plans: list[Plan], crews: list[Crew], finer: Stage, rng: np.random.Generator) -> Plan:
-    """Return the better of the best two plans, both improved on more particles."""
+    """Return the better of the two best plans after improving both on more particles."""
     staged = (candidates.at_stage(start, finer) for start in plans)
     ranked = sorted(staged, key=lambda candidate: -candidates.value(candidate, finer))
     polished = []
@@ -227,8 +232,8 @@ def _polished(plans: list[Plan], crews: list[Crew], finer: Stage, rng: np.random
 def _as_flown(plan: Plan, crews: list[Crew], executed: Stage, rng: np.random.Generator) -> Plan:
     """Return a plan improved with its legs as flown.
 
-    Smeared out, legs are searched over land too. A boat whose legs end at the coast with time left
-    is tasked again.
+    Smeared-out legs also search over land. A boat whose legs end at the coast with time left gets a
+    new rectangle.
     """
     best = candidates.at_stage(plan, executed)
     for turn in range(2):
@@ -248,11 +253,12 @@ def _filled(choice: Choice | None) -> float:
     return float(flown.duration[0]) / float(room)
 
 
-def _hand_drawn(
+def _try_standard_patterns(
     plan: Plan, crews: list[Crew], few: Stage, executed: Stage, rng: np.random.Generator
 ) -> Plan:
-    """Return a plan in which each unit, the strongest first, flies a pattern drawn by hand if its
-    POS is higher.
+    """Return a plan in which units fly standard patterns where that raises the POS.
+
+    The strongest unit comes first.
     """
     best = list(plan)
     for u in _order(crews, rng, 0):
@@ -274,21 +280,21 @@ def _better(
     judge: Stage,
     rng: np.random.Generator,
 ) -> Plan:
-    """Return the better of a plan and of one made from a rival in which units need not keep apart;
-    judges decide.
+    """Return the better of a plan and of an improved rival; the judging particles decide.
 
-    If the rival finds more, its best sorties stay, units too near to them get new tasks, and all
-    are improved. The plan is never worse on the judges' particles than a rival that may be flown.
+    In the rival, units need not keep apart. If it finds more, its best sorties stay, units too near
+    to them get new rectangles, and all are improved. On the judging particles the result is never
+    worse than a rival that keeps the separation.
     """
     if candidates.value(rival, judge) <= candidates.value(plan, judge):
         return plan
-    kept: Plan = [None] * len(crews)
+    separated: Plan = [None] * len(crews)
     alone = [0.0 if choice is None else candidates.value([choice], judge) for choice in rival]
     for u in np.argsort(alone)[::-1].tolist():
-        tried: Plan = [*kept[:u], rival[u], *kept[u + 1 :]]
-        kept = tried if candidates.apart(tried, judge) else kept
-    improved = candidates.at_stage(_as_flown(kept, crews, executed, rng), judge)
-    return max([plan, kept, improved], key=lambda made: candidates.value(made, judge))
+        tried: Plan = [*separated[:u], rival[u], *separated[u + 1 :]]
+        separated = tried if candidates.apart(tried, judge) else separated
+    improved = candidates.at_stage(_as_flown(separated, crews, executed, rng), judge)
+    return max([plan, separated, improved], key=lambda made: candidates.value(made, judge))
 
 
 def _alone(crews: list[Crew], coarse: Stage, executed: Stage, rng: np.random.Generator) -> Plan:
@@ -304,9 +310,7 @@ def _alone(crews: list[Crew], coarse: Stage, executed: Stage, rng: np.random.Gen
 def _swarm(
     tracks: Tracks, spec: PlanSpec, survival: Sequence[Survival | None], plane: Plane
 ) -> rectangles.Swarm:
-    """Return tracks as kernels take them: positions on the plane, and what finding each particle is
-    worth.
-    """
+    """Return tracks in the kernels' layout: positions on the plane and worth of finding."""
     x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
     value = np.where(tracks.adrift, bound.worth(tracks, survival, spec.objective), -1.0)
     turn = None if tracks.turn is None else tracks.turn - tracks.time[0]
@@ -319,7 +323,7 @@ def _swarm(
 def _order(crews: Sequence[Crew], rng: np.random.Generator, k: int) -> list[int]:
     """Return the order in which units get their first rectangles.
 
-    In beginning 0 the strongest comes first, in the others the order is random.
+    In start 0 the strongest comes first; in the others the order is random.
     """
     strength = [crew.widest * crew.unit.search_speed * crew.available.search for crew in crews]
     return (
@@ -336,7 +340,7 @@ def _kick(
     rng: np.random.Generator,
     prices: Sequence[float],
 ) -> Plan:
-    """Return the plan with two units tasked again from nothing, and the others improved after that."""
+    """Return the plan with two units replanned from scratch and the others then improved."""
     redone = rng.permutation(len(crews))[:2].tolist()
     kicked: Plan = [None if u in redone else choice for u, choice in enumerate(current)]
     for u in redone:
@@ -357,7 +361,7 @@ def _improve(
     drawn: int,
     times: int,
 ) -> Plan:
-    """Return the plan with unit u's rectangle replaced where a better one is found."""
+    """Return the plan with unit u's rectangle replaced if a better one is found."""
     score, rows, present = _scorer(
         current, u, crews[u], stage, lambda left: _draw(crews[u], stage, left, rng, drawn)
     )
@@ -375,9 +379,7 @@ def _improve(
 def _settle(
     current: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, times: int
 ) -> Plan:
-    """Return the plan with unit u's rectangle, or its pattern, moved a little and begun at its best
-    corner.
-    """
+    """Return the plan with unit u's rectangle moved a little and started at its best corner."""
     present = current[u]
     crew = crews[u] if present is None else present.crew
     score, rows, present = _scorer(current, u, crew, stage, lambda left: np.empty((0, 8)))
@@ -397,8 +399,7 @@ def _settle(
 def _scorer(
     current: Plan, u: int, crew: Crew, stage: Stage, draw: Callable[[Array], Array]
 ) -> tuple[Callable[[Array], Array], Array, Choice | None]:
-    """Return a score for rectangles of unit u beside the others', rectangles to begin with, and its
-    own.
+    """Return a scoring function for rectangles of unit u, start rectangles, and its own.
 
     draw: returns rectangles, given the probability of each particle that the others leave, (m,).
     """
@@ -417,6 +418,7 @@ def _scorer(
     level = candidates.value(current, stage) or 1.0
 
     def score(rows: Array) -> Array:
+        """Return the gain of rectangles beside those of the other units, shape (c,)."""
         flown = rectangle.fly(crew, rows, stage.executed)
         allowed = flown.possible.copy()
         cost = np.zeros(len(rows))
@@ -468,7 +470,7 @@ def _accept(
     scores: Array,
     present: Choice | None,
 ) -> Plan:
-    """Return the plan with the best rectangle for unit u, unless the plan is worth less with it."""
+    """Return the plan with unit u's best rectangle, unless that lowers its value."""
     best = int(np.argmax(scores))
     if scores[best] <= -1:
         return current if present is None else [*current[:u], None, *current[u + 1 :]]
@@ -484,10 +486,9 @@ def _accept(
 def _draw(
     crew: Crew, stage: Stage, undetected: Array, rng: np.random.Generator, count: int
 ) -> Array:
-    """Return rectangles, (count, 8), round undetected particles at times when they can be searched.
+    """Return random rectangles, (count, 8), about undetected particles.
 
-    undetected: probability of each particle, (m,), that it is there and the other units do not find
-    it.
+    undetected: probability of each particle, (m,), that it exists and the other units miss it.
     """
     if count == 0 or undetected.sum() <= 0 or not crew.available.spans:
         return np.empty((0, 8))
@@ -518,13 +519,14 @@ def _draw(
 
 
 def _vary(rows: Array, crew: Crew, rng: np.random.Generator, size: float) -> Array:
-    """Return rectangles varied at random; size: of the steps, as a share of the rectangles' own
-    sizes.
+    """Return randomly varied rectangles.
+
+    size: of the steps, as a share of the rectangles' own sizes.
     """
     varied = rows.copy()
     count = len(rows)
     step = rng.standard_normal((count, 6)) * size
-    # some numbers stay, so that one can be improved without the others
+    # leave some parameters unchanged, so that one can improve without the others
     step *= rng.random((count, 6)) < 0.6
     side = np.sqrt(np.exp(rows[:, SPACING]) * crew.unit.search_speed * crew.available.search)
     varied[:, X] += 0.3 * side * step[:, 0]
@@ -535,7 +537,7 @@ def _vary(rows: Array, crew: Crew, rng: np.random.Generator, size: float) -> Arr
     )
     varied[:, ASPECT] += 0.5 * step[:, 4]
     varied[:, WAIT] = np.maximum(varied[:, WAIT] + 5400.0 * step[:, 5], 0.0)
-    later = varied[:, WAIT] - rows[:, WAIT]  # by when a frame that drifts has gone on
+    later = varied[:, WAIT] - rows[:, WAIT]  # a drifting frame has moved on by then
     varied[:, X] += crew.manner.east * later
     varied[:, Y] += crew.manner.north * later
     varied[:, ALONG] *= np.where(rng.random(count) < 0.1, -1, 1)

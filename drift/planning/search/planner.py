@@ -1,7 +1,7 @@
-"""The next search: planned on particles of its own, scored by executing it on those of the case.
+"""Plan the next search on separate particles and score it on those of the case.
 
-Several rounds are planned one after the other, each on the failure of those before. The score of a
-plan is one minus the evidence of its having failed: the same run that a debrief would make.
+Rounds are planned one after the other, each given the failure of those before. The score of a plan
+is one minus the evidence of its failure: the same run that a debrief would make.
 """
 
 import math
@@ -44,9 +44,9 @@ def plan(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[RunOptions],
 ) -> tuple[Plan, Result]:
-    """Plan the next search of a case; with `out`, write it and the forecast of its failure.
+    """Plan the next search of a case.
 
-    The folder is written completely or not at all, with the forecast of the plan's failure.
+    With `out`, the plan is written together with the forecast of its failure.
 
     Args:
         case: of `drift.load` or `drift.vary`.
@@ -54,14 +54,14 @@ def plan(
         **options: as in `drift.run`.
 
     Returns:
-        The plan and the forecast: `plan.taskings` has a sub-area, legs [m], times [UTC], track
-            spacing [m] and POS (0 to 1) for each
-        sortie, `plan.value` the objective, POS or the probability of finding alive, `plan.bound`
-        what no plan exceeds; the `drift.Result` as if the plan found nothing.
+        The plan and the forecast. `plan.taskings` has a sub-area, legs [m], times [UTC], track
+            spacing [m] and POS (0 to 1) for each sortie; `plan.value` is the objective, POS or the
+            probability of finding alive, and `plan.bound` its estimated upper bound. The forecast
+            is the `drift.Result` given that the plan found nothing.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): the case has
-            no `[[unit]]` or `[plan]`, or what `drift.run` rejects.
+        UserError: the case has no `[[unit]]` or `[plan]`, or `drift.run` rejects it; one line for
+            each mistake (`error.lines`).
     """
     check(case)
     job = flow.open_run(case, out, options)
@@ -89,7 +89,7 @@ def check(case: Case) -> None:
     if not case.units:
         raise UserError(
             f"{case.path.name}: has no [[unit]] to plan with: "
-            "give each its base, search_speed, endurance and sweep_width"
+            "add one with base, search_speed, endurance and sweep_width for each unit"
         )
     if case.plan.begin >= case.plan.until:
         raise UserError(
@@ -112,37 +112,38 @@ def check(case: Case) -> None:
     if last > case.plan.begin:
         raise UserError(
             f"{case.path.name}: plan.begin {format_dtg(case.plan.begin)} is before {what}, {format_dtg(last)}: "
-            "a plan begins when all is known; give a later begin in [plan], or leave it out"
+            "a plan must begin after everything known; give a later begin in [plan], or leave it out"
         )
 
 
 @dataclass(frozen=True)
 class _Rounds:
-    """Rounds of sorties, each planned on the failure of those before."""
+    """Rounds of sorties, each planned given the failure of those before."""
 
     tasked: Sequence[Tasking]
-    executed: Case  # in which all of them have been flown and found nothing
-    seen: float  # what they find of the particles on which they were planned
+    executed: Case  # in which all sorties were flown and found nothing
+    seen: float  # their value on the planning particles
     alternatives: tuple[Alternative, ...]  # to the last round
     bound: Bound
     bound_number: float  # effective particles on which the bound was found
     made_on: Count  # particles of the last round
-    said: tuple[str, ...]  # of boats
+    said: tuple[str, ...]  # remarks on boats
 
 
 def scheme(job: Job, noted: UpdateCallback | None = None) -> tuple[Plan, Case, Result]:
-    """Return a plan, the case in which it has been executed and found nothing, and the forecast of
-    that.
+    """Return a plan, the case in which it was executed in vain, and the forecast of that case.
 
-    noted: is called for each sortie of that forecast, as drift.evidence.filter.filter does.
+    Args:
+        job: the case with its options.
+        noted: called for each sortie of that forecast, as drift.evidence.filter.filter does.
     """
     rounds = _rounds(job)
     result = flow.forecast_job(replace(job, case=rounds.executed), noted)
-    return _worth(job.case, rounds, result), rounds.executed, result
+    return _scored_plan(job.case, rounds, result), rounds.executed, result
 
 
 def _rounds(job: Job) -> _Rounds:
-    """Return the rounds of a plan; raise UserError where no unit can search."""
+    """Return the rounds of a plan; raise UserError if no unit can search."""
     case, where, clock = job.case, job.where, job.clock
     spec = case.plan
     survival = [scenario.survival for scenario in case.scenarios]
@@ -159,25 +160,29 @@ def _rounds(job: Job) -> _Rounds:
         if bound is None:
             bound_number = bounds.counted(tracks)
             with clock.phase("bound"):
-                bound = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
+                bound = bounds.bound(
+                    tracks, _units_of_all_rounds(case.units, spec.rounds), spec, survival
+                )
         with clock.phase("plan"):
-            telling = partial(_told, job.tell, number, spec.rounds)
+            report_progress = partial(_report_progress, job.tell, number, spec.rounds)
             seed = noise.seed_for(case.seed, Purpose.OPTIMISER, number)
-            proposal = optimiser.plan(tracks, units, spec, seed, survival, telling, boats.courses)
+            proposal = optimiser.plan(
+                tracks, units, spec, seed, survival, report_progress, boats.courses
+            )
             flown, boats = fleet.checked(boats, proposal.taskings)
-        more = [_named(tasking, number, spec.rounds, case) for tasking in flown]
+        more = [_name_sortie(tasking, number, spec.rounds, case) for tasking in flown]
         if not more:
             break
         tasked += more
         seen += left * proposal.seen
-        # found dead, it is found too
+        # POS, not the probability of finding alive: an object found dead is found
         left *= math.prod(1 - tasking.pos for tasking in proposal.taskings)
-        units = _again(units, more)
-        executed = _with(case, tasked)
+        units = _units_after(units, more)
+        executed = _with_sorties_flown(case, tasked)
     if proposal is None or bound is None or boats is None or not tasked:
         raise UserError(
             f"plan: no unit can search between {format_dtg(spec.begin)} and {format_dtg(spec.until)}: each needs time for its "
-            "transit and some search before the end, by daylight if it is visual; give more time (until in [plan]), or "
+            "transit and some search before the end, in daylight if it is visual; give more time (until in [plan]), or "
             "units that are nearer or ready earlier"
             + "".join(f". {words}" for words in (boats.said if boats else ()))
         )
@@ -187,10 +192,8 @@ def _rounds(job: Job) -> _Rounds:
     )
 
 
-def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
-    """Return the plan of these rounds with what it is worth, by the forecast in which it was
-    executed.
-    """
+def _scored_plan(case: Case, rounds: _Rounds, result: Result) -> Plan:
+    """Return the plan with its value, taken from the forecast in which it was executed."""
     assert result.updates is not None
     spec, bound = case.plan, rounds.bound
     by_name = {update.name: update for update in result.updates.all}
@@ -213,7 +216,7 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
         for tasking, update in zip(rounds.tasked, updates, strict=True)
     )
     value = alive if spec.objective == "alive" else pos
-    scored_on = _scored(result, rounds.executed, spec.begin)
+    scored_on = _effective_number(result, rounds.executed, spec.begin)
     error = _error(bound.value, rounds.bound_number, value, scored_on)
     why = bounds.silent(bound.value, rounds.bound_number, error, rounds.seen, value, bound.none)
     sent = {tasking.unit.name for tasking in taskings}
@@ -232,7 +235,7 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
         families=tuple(
             scenario.family.family.name if scenario.family else None for scenario in case.scenarios
         ),
-        shares=_before(result.updates, updates[0].name),
+        shares=_prior_by_scenario(result.updates, updates[0].name),
         made_on=rounds.made_on,
         scored_on=scored_on,
         ashore=_ashore(result, spec.begin),
@@ -242,14 +245,14 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
     )
 
 
-def _before(updates: Updates, name: str) -> Array:
+def _prior_by_scenario(updates: Updates, name: str) -> Array:
     """Return the probability of each scenario before an update."""
     number = [update.name for update in updates.all].index(name)
     return np.asarray(updates.all[number - 1].posterior if number else updates.prior, float)
 
 
 def _ashore(result: Result, begin: np.datetime64) -> float:
-    """Return the probability that the object lies ashore, or has run aground, when a plan begins."""
+    """Return the probability that the object is ashore or aground when a plan begins."""
     data = result.forecast.data
     then = data["status_probability"].isel(time=mapped.opening_output(data, begin))
     return float(
@@ -257,28 +260,29 @@ def _ashore(result: Result, begin: np.datetime64) -> float:
     )
 
 
-def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
-    """Return how many of the case's particles count when a plan begins."""
+def _effective_number(result: Result, executed: Case, begin: np.datetime64) -> Count:
+    """Return the effective number of the case's particles when a plan begins."""
     data = result.forecast.data
     return effective.effective_at(data, mapped.opening_output(data, begin), executed.particles)
 
 
 def _error(bound: float, bound_number: float, value: float, scored_on: Count) -> float:
-    """Return the standard error of a bound less what a plan is worth.
+    """Return the standard error of a bound less the value of a plan.
 
-    Both are means, over `bound_number` effective particles and over those that the plan was scored
-    on.
+    Both are means: the bound over `bound_number` effective particles, the value over those of
+    `scored_on`.
     """
     counts = max(bound_number, 1.0), max(scored_on.number, 1.0)
     return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, value), counts, strict=True)))
 
 
-def _told(tell: ProgressCallback, number: int, rounds: int, share: float) -> None:
+def _report_progress(tell: ProgressCallback, number: int, rounds: int, share: float) -> None:
+    """Report the progress over all rounds."""
     tell("plan", (number - 1 + share) / rounds)
 
 
-def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
-    """Return a tasking of a round, its sortie named unlike all others."""
+def _name_sortie(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
+    """Return a tasking of a round whose sortie has a unique name."""
     name = f"{tasking.unit.name}, planned" + (f" {number}" if rounds > 1 else "")
     while name in {sortie.name for sortie in case.sorties}:
         name += " again"
@@ -287,8 +291,8 @@ def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
     )
 
 
-def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
-    """Return a case in which a plan's sorties have been flown, until the plan's end.
+def _with_sorties_flown(case: Case, tasked: Sequence[Tasking]) -> Case:
+    """Return a case in which a plan's sorties have been flown, up to the plan's end.
 
     It has few outputs, because planners wait for it.
     """
@@ -310,7 +314,7 @@ def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
     return replace(case, sorties=sorties, outputs=outputs, end=case.plan.until)
 
 
-def _again(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:
+def _units_after(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:
     """Return the units with the time at which each is ready after its sortie."""
     home = {tasking.unit.name: tasking.home for tasking in flown}
     return [
@@ -324,9 +328,10 @@ def _again(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:
     ]
 
 
-def _flying(units: Sequence[Unit], rounds: int) -> list[Unit]:
-    """Return units that can search as long as all their sorties together, which bounds several
-    rounds.
+def _units_of_all_rounds(units: Sequence[Unit], rounds: int) -> list[Unit]:
+    """Return units with the endurance of all rounds together.
+
+    Their bound is valid for several rounds.
     """
     return [replace(unit, endurance=unit.endurance * rounds) for unit in units]
 

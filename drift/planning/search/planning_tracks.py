@@ -1,6 +1,4 @@
-"""Tracks of particles for which a plan is made: positions at the edges of time bins, straight in
-between.
-"""
+"""Tracks of planning particles: positions at the edges of time bins, straight in between."""
 
 from dataclasses import dataclass, replace
 
@@ -16,25 +14,23 @@ MINUTE = 60.0  # [s]
 
 @dataclass(frozen=True)
 class Tracks:
-    """Particles (m) at bin edges (b + 1), given all that was found and not found before the plan
-    begins.
-    """
+    """Planning particles (m) at bin edges (b + 1), given everything known before the plan."""
 
     time: Array  # float64 [s since 1970] (b + 1,)
     lon: Array  # int32 binary angle (b + 1, m)
     lat: Array
-    # bool (b + 1, m): the particle can be detected (it is adrift, under way, or where it has
-    # stopped, if that is looked for)
+    # bool (b + 1, m): the particle can be detected: it is adrift, under way, or at its last
+    # position if the search covers those
     adrift: Array
     weight: Array  # float64 (m,), with the sum 1
     scenario: Array  # int32 (m,)
     release: Array  # float64 [s since 1970] (m,)
-    # When a particle goes adrift that is under way until then [s since 1970] (m,); -inf: it drifts
-    # all along, inf: it never does; None: nothing steers.
+    # End of a particle's steering, when it goes adrift [s since 1970] (m,); -inf: it drifts all
+    # along, inf: it never does; None: no particle steers.
     turn: Array | None = None
     # Mean velocity [m/s] east and north of the leg of a Brownian bridge, and its spread rate
-    # [m/sqrt(s)], from each edge on, float32 (3, b + 1, m); NaN where the track itself tells them;
-    # None: nothing follows a bridge.
+    # [m/sqrt(s)], from each edge on, float32 (3, b + 1, m); NaN: not on a bridge, use the track;
+    # None: no particle follows a bridge.
     flow: Array | None = None
 
     @property
@@ -50,9 +46,7 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Plane:
-    """The azimuthal equidistant plane on which a plan is computed: true distances and bearings from
-    its origin.
-    """
+    """The plane of a plan (azimuthal equidistant): true distances and bearings from its origin."""
 
     lon: float  # [rad] origin
     lat: float
@@ -67,7 +61,7 @@ class Plane:
 
 
 def plane(tracks: Tracks) -> Plane:
-    """Return the plane round the mean of all positions.
+    """Return the plane about the mean of all positions.
 
     300 km from it, lengths across are 0.04 % too long.
     """
@@ -82,7 +76,7 @@ def plane(tracks: Tracks) -> Plane:
 
 
 def take(tracks: Tracks, index: Array, weight: Array) -> Tracks:
-    """Return some of the particles with new weights, which are scaled to the sum 1."""
+    """Return some of the particles with new weights, normalised to the sum 1."""
     lon, lat, adrift = (
         np.ascontiguousarray(v[:, index]) for v in (tracks.lon, tracks.lat, tracks.adrift)
     )
@@ -100,9 +94,7 @@ def take(tracks: Tracks, index: Array, weight: Array) -> Tracks:
 
 
 def order(tracks: Tracks) -> Array:
-    """Return the particles' order by strata: by scenario, then along a space-filling curve at half
-    time.
-    """
+    """Return the particles' order by strata: scenario, then a space-filling curve at half time."""
     x, y = plane(tracks).flat(
         *(v[tracks.bins // 2] * sphere.UNIT for v in (tracks.lon, tracks.lat))
     )
@@ -110,16 +102,15 @@ def order(tracks: Tracks) -> Array:
 
 
 def sort(tracks: Tracks) -> Tracks:
-    """Return the same particles in the order of strata, so that neighbours in memory are neighbours
-    at sea.
-    """
+    """Return the particles in the order of strata: neighbours at sea are neighbours in memory."""
     strata = order(tracks)
     return take(tracks, strata, tracks.weight[strata])
 
 
 def sample(tracks: Tracks, count: int) -> Tracks:
-    """Return `count` particles of equal weight, drawn systematically in proportion to weight along
-    strata.
+    """Return `count` particles of equal weight.
+
+    Sampling is systematic along strata, in proportion to weight.
     """
     strata = order(tracks)
     cumulative = np.cumsum(tracks.weight[strata])
@@ -130,7 +121,7 @@ def sample(tracks: Tracks, count: int) -> Tracks:
 
 
 def coarser(tracks: Tracks, most: int) -> Tracks:
-    """Return the same tracks at the edges of at most so many bins."""
+    """Return the tracks at the edges of at most `most` bins."""
     edge = np.unique(np.rint(np.linspace(0, tracks.bins, min(tracks.bins, most) + 1)).astype(int))
     return replace(
         tracks,
@@ -143,10 +134,15 @@ def coarser(tracks: Tracks, most: int) -> Tracks:
 
 
 def velocity(tracks: Tracks, plane: Plane, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return how fast (east, north) [m/s] particles go on the plane from each edge on, (b + 1, m).
+    """Return the velocity (east, north) [m/s] from each edge on, shape (b + 1, m).
 
-    x, y: where they are on the plane [m]. What follows a bridge goes as its leg does on average,
-    all else as its track.
+    Particles on a bridge have the mean velocity of their leg, all others that of their track.
+
+    Args:
+        tracks: planning particles.
+        plane: of the plan.
+        x: east of the particles on the plane [m], shape (b + 1, m).
+        y: north of them [m], shape (b + 1, m).
     """
     along = []
     for v in (x, y):
@@ -163,15 +159,13 @@ def velocity(tracks: Tracks, plane: Plane, x: Array, y: Array) -> tuple[Array, A
 
 
 def square(x: Array, y: Array) -> tuple[float, float, float]:
-    """Return (west, south, side) [m] of a square that holds all points and half as much again."""
+    """Return (west, south, side) [m] of a square half as large again as the points' extent."""
     side = 1.5 * max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
     return float(x.max() + x.min() - side) / 2, float(y.max() + y.min() - side) / 2, side
 
 
 def morton(x: Array, y: Array, west: float, south: float, side: float) -> Array:
-    """Return the positions, int64, of points [m] along Morton's curve of 4^LEVELS cells in a square
-    [m].
-    """
+    """Return positions (int64) of points [m] along Morton's curve of a square [m]."""
     code = np.zeros(np.shape(x), np.int64)
     for shift, share in enumerate(((x - west) / side, (y - south) / side)):
         spread = np.clip((share * 2**LEVELS).astype(np.int64), 0, 2**LEVELS - 1)

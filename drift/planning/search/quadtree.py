@@ -1,4 +1,4 @@
-"""Boxes on a plane that hold about equally many particles each, and no more sea than these span."""
+"""Boxes on a plane that hold about equally many particles each and fit them tightly."""
 
 import math
 from collections.abc import Sequence
@@ -9,18 +9,17 @@ import numpy as np
 
 from geo.array import Array
 
-# Differences of mean logarithms of density:
-# other boxes must be so much likelier than squares; less may be chance, or the rim of the cloud
+# Differences of the mean log density:
+# lead that other boxes need over squares; less may be chance, or the rim of the cloud
 FIRM = 0.03
-# patches are so much likelier where a cloud lies along lines that boxes of the whole cannot follow
+# lead of patches that shows a cloud along lines that boxes of the whole cannot follow
 LINES = 0.08
-# by which two halves of a box must be likelier than it: twice that is Akaike's criterion of two
-# numbers
+# lead that two halves of a box need over the box: Akaike's criterion for two parameters is twice
+# that
 CLEARLY = 2.0
-# by which an effective number must exceed a limit: 16 particles of one weight are 16, however
-# summed
+# factor by which an effective number must exceed a limit: sums of equal weights round
 EQUAL = 1 + 1e-9
-# numbers of patches into which a cloud is divided for boxes of their own directions
+# numbers of patches tried for boxes that follow each patch
 PATCHES = (12, 40)
 
 
@@ -47,20 +46,27 @@ class Boxes:
 def fit(x: Array, y: Array, weight: Array, most: float, fewest: float, least: float) -> Boxes:
     """Return boxes of at most `most` effective particles, of the likeliest of several kinds.
 
-    Boxes are squares north and south; or they follow the whole cloud in direction, proportions and
-    curvature; or each of some patches of it. A cloud along a track or a shore is so narrow that
-    squares would include the sea beside it. The likeliest boxes have the greatest mean logarithm of
-    density. Where patches are much likelier than the whole, the cloud is narrow there too, and
-    boxes hold `fewest` particles: it is better that chance makes them too dense than that they are
-    too wide. Boxes of more than `fewest` are cut where they are clearly uneven, because a few
-    particles close together would otherwise count as spread over the whole box. least: smallest
-    side [m] that counts.
+    The kinds are squares north and south, boxes that follow the whole cloud in direction,
+    proportions and curvature, and boxes that follow each of some patches of it. A cloud along a
+    track or a shore is so narrow that squares would include the sea beside it. The likeliest boxes
+    have the greatest mean log density. If patches are much likelier than the whole, the cloud is
+    narrow there too, and boxes hold only `fewest` particles: boxes that are too dense by chance are
+    better than boxes that are too wide. Clearly uneven boxes of more than `fewest` are cut, because
+    otherwise a few close particles would count as spread over the whole box.
+
+    Args:
+        x: east of the particles [m], shape (m,).
+        y: north of them [m], shape (m,).
+        weight: of the particles, shape (m,).
+        most: largest effective number in a box.
+        fewest: smallest effective number in a box that may be cut.
+        least: smallest side that counts [m].
     """
     points, mass = np.stack([x, y]), float(weight.sum())
     effective = mass**2 / float(weight @ weight)
-    plain, curved = _plain(points), _bent(points, [np.arange(len(x))])
-    candidates = [(laid, _whole(laid.place)) for laid in (plain, curved)]
-    squares, along = (_grown(laid, weight, whole, most) for laid, whole in candidates)
+    plain, curved = _in_north_axes(points), _in_curved_axes(points, [np.arange(len(x))])
+    candidates = [(laid, _one_part(laid.place)) for laid in (plain, curved)]
+    squares, along = (_split_parts(laid, weight, whole, most) for laid, whole in candidates)
     terms = _terms(plain, weight, squares, least)
     likelihoods = [
         float(terms.sum()) / mass,
@@ -70,18 +76,18 @@ def fit(x: Array, y: Array, weight: Array, most: float, fewest: float, least: fl
     for patches in PATCHES:
         if effective / patches < 2 * most:
             break
-        patch = _grown(plain, weight, patch, effective / patches)
-        curved = _bent(
+        patch = _split_parts(plain, weight, patch, effective / patches)
+        curved = _in_curved_axes(
             points, [np.sort(members) for members in np.split(patch.order[0], patch.start[1:-1])]
         )
-        along = _grown(curved, weight, _relaid(curved.place, patch), most)
-        # The patches are parts of which the squares are parts.
+        along = _split_parts(curved, weight, _with_coordinates(curved.place, patch), most)
+        # each square belongs to one patch
         own = np.add.reduceat(terms, np.searchsorted(squares.start, patch.start[:-1]))
         other = np.add.reduceat(
             _terms(curved, weight, along, least), np.searchsorted(along.start, patch.start[:-1])
         )
         follows = (other > own)[_number(patch)]
-        mixed = _Laid(*(np.where(follows, v, u) for u, v in zip(plain, curved, strict=True)))
+        mixed = _BoxAxes(*(np.where(follows, v, u) for u, v in zip(plain, curved, strict=True)))
         candidates.append((mixed, patch))
         likelihoods.append(float(np.maximum(own, other).sum()) / mass)
     best = int(np.argmax(likelihoods))
@@ -91,22 +97,36 @@ def fit(x: Array, y: Array, weight: Array, most: float, fewest: float, least: fl
         return fit(x, y, weight, fewest, fewest, least)
     laid, parts = candidates[best]
     return _boxes(
-        points, laid, _grown(laid, weight, _relaid(laid.place, parts), most, fewest, least)
+        points,
+        laid,
+        _split_parts(laid, weight, _with_coordinates(laid.place, parts), most, fewest, least),
     )
 
 
 def grow(x: Array, y: Array, weight: Array, most: float) -> Boxes:
-    """Return boxes north and south of at most `most` effective particles each, of particles at x, y
-    [m], (m,).
+    """Return boxes north and south of at most `most` effective particles each.
+
+    Args:
+        x: east of the particles [m], shape (m,).
+        y: north of them [m], shape (m,).
+        weight: of the particles, shape (m,).
+        most: largest effective number in a box.
     """
     points = np.stack([x, y])
-    return _boxes(points, _plain(points), _grown(_plain(points), weight, _whole(points), most))
+    return _boxes(
+        points,
+        _in_north_axes(points),
+        _split_parts(_in_north_axes(points), weight, _one_part(points), most),
+    )
 
 
 def likelihood(boxes: Boxes, weight: Array, least: float) -> float:
-    """Return the mean logarithm of density, up to a constant, if density is even in each box.
+    """Return the mean log density, up to a constant, for uniform density in each box.
 
-    least: smallest side [m] that counts.
+    Args:
+        boxes: of the particles.
+        weight: of the particles, shape (m,).
+        least: smallest side that counts [m].
     """
     mass = np.bincount(boxes.of, weight, boxes.count)
     return float(
@@ -114,31 +134,30 @@ def likelihood(boxes: Boxes, weight: Array, least: float) -> float:
     ) / float(mass.sum())
 
 
-class _Laid(NamedTuple):
-    """Points (n) in the axes of the boxes that are to hold them."""
+class _BoxAxes(NamedTuple):
+    """Points (n) in the axes of their boxes."""
 
     place: Array  # float64 (2, n) in the boxes' proportions
     scale: Array  # float64 [m] (2, n) or (2, 1): these proportions
 
 
 class Parts(NamedTuple):
-    """Points (n) in parts (k)."""
+    """Points (n) divided into parts (k)."""
 
     order: Array  # int64 (2, n): numbers of the points along each axis, part by part
     start: Array  # int64 (k + 1,): where each part begins there
 
 
-def _plain(points: Array) -> _Laid:
+def _in_north_axes(points: Array) -> _BoxAxes:
     """Return points (2, n) [m] in squares north and south."""
-    return _Laid(points, np.ones((2, 1)))
+    return _BoxAxes(points, np.ones((2, 1)))
 
 
-def _bent(points: Array, parts: Sequence[Array]) -> _Laid:
-    """Return points (2, n) [m] along and across the curved principal axis of their own part, in
-    standard deviations.
+def _in_curved_axes(points: Array, parts: Sequence[Array]) -> _BoxAxes:
+    """Return points (2, n) [m] along and across the curved principal axis of their own part.
 
-    The axis is curved by a parabola, which is subtracted across: such a shear changes no area.
-    parts: numbers of the points of each.
+    Coordinates are in standard deviations. The axis is curved by a parabola, which is subtracted
+    across; such a shear preserves areas. parts: indices of the points of each part.
     """
     rows, (place, scale) = np.ascontiguousarray(points.T), np.empty((2, *points.shape))
     for members in parts:
@@ -149,41 +168,39 @@ def _bent(points: Array, parts: Sequence[Array]) -> _Laid:
         across = across - powers @ np.linalg.lstsq(powers, across, rcond=None)[0]
         scale[:, members] = np.array([[long], [max(float(across.std()), 1e-3)]])
         place[:, members] = np.stack([along, across]) / scale[:, members]
-    return _Laid(place, scale)
+    return _BoxAxes(place, scale)
 
 
-def _whole(place: Array) -> Parts:
-    """Return points at a place, (2, n), in one part."""
-    # several times as fast as one that keeps the order of equals, which are rare
+def _one_part(place: Array) -> Parts:
+    """Return points (2, n) as one part."""
+    # an unstable sort is several times faster; ties are rare
     order = np.argsort(place, axis=1)
     if np.any(np.diff(np.take_along_axis(place, order, axis=1)) == 0):
         order = np.argsort(place, axis=1, kind="stable")
     return Parts(order, np.array([0, place.shape[1]]))
 
 
-def _relaid(place: Array, parts: Parts) -> Parts:
-    """Return the same parts of points that are at another place, (2, n)."""
-    return Parts(_by_part(_whole(place).order, _number(parts)), parts.start)
+def _with_coordinates(place: Array, parts: Parts) -> Parts:
+    """Return the same parts of points with other coordinates, (2, n)."""
+    return Parts(_by_part(_one_part(place).order, _number(parts)), parts.start)
 
 
 def _number(parts: Parts) -> Array:
-    """Return the part of each point, (n,)."""
+    """Return the part of each point, shape (n,)."""
     number = np.empty(parts.order.shape[1], np.int64)
     number[parts.order[0]] = np.repeat(np.arange(len(parts.start) - 1), np.diff(parts.start))
     return number
 
 
 def _by_part(order: Array, number: Array) -> Array:
-    """Return points (2, n) by their part, and in their order in each; number: of each point's part,
-    (n,).
-    """
-    # integers of up to 16 bits are sorted by radix
+    """Return points (2, n) sorted by part, keeping their order within each part."""
+    # NumPy sorts integers of up to 16 bits by radix
     small = number.astype(np.min_scalar_type(number.max()))
     return np.stack([along[np.argsort(small[along], kind="stable")] for along in order])
 
 
 def _ends(place: Array, parts: Parts) -> tuple[Array, Array]:
-    """Return the least and the greatest place in each part, (2, k)."""
+    """Return the least and greatest coordinates of each part, (2, k)."""
     low, high = (
         np.take_along_axis(place, parts.order[:, at], axis=1)
         for at in (parts.start[:-1], parts.start[1:] - 1)
@@ -191,32 +208,30 @@ def _ends(place: Array, parts: Parts) -> tuple[Array, Array]:
     return low, high
 
 
-def _sides(laid: _Laid, parts: Parts) -> Array:
-    """Return the sides [m] of parts, (2, k)."""
+def _sides(laid: _BoxAxes, parts: Parts) -> Array:
+    """Return the sides of parts [m], (2, k)."""
     low, high = _ends(laid.place, parts)
     scale = np.broadcast_to(laid.scale, laid.place.shape)[:, parts.order[0][parts.start[:-1]]]
     return np.asarray((high - low) * scale)
 
 
-def _boxes(points: Array, laid: _Laid, parts: Parts) -> Boxes:
-    """Return the boxes that parts of points (2, n) [m] are."""
+def _boxes(points: Array, laid: _BoxAxes, parts: Parts) -> Boxes:
+    """Return the boxes of parts of points (2, n) [m]."""
     ordered, first = points.take(parts.order[0], axis=1), parts.start[:-1]
     low, high = (extreme.reduceat(ordered, first, axis=1).T for extreme in (np.minimum, np.maximum))
     return Boxes(_number(parts), low, high, _sides(laid, parts).T)
 
 
-def _terms(laid: _Laid, weight: Array, parts: Parts, least: float) -> Array:
-    """Return what each part adds to the logarithm of likelihood, (k,); least: smallest side [m]
-    that counts.
-    """
+def _terms(laid: _BoxAxes, weight: Array, parts: Parts, least: float) -> Array:
+    """Return each part's term of the log likelihood, (k,); least: smallest side that counts [m]."""
     mass = np.add.reduceat(weight[parts.order[0]], parts.start[:-1])
     return np.asarray(
         mass * np.log(mass / np.prod(np.maximum(_sides(laid, parts), max(least, 1e-3)), axis=0))
     )
 
 
-def _grown(
-    laid: _Laid,
+def _split_parts(
+    laid: _BoxAxes,
     weight: Array,
     parts: Parts,
     most: float,
@@ -225,11 +240,11 @@ def _grown(
 ) -> Parts:
     """Return parts of at most `most` effective points each.
 
-    Each is halved across its longer side, in its proportions, as in a k-d tree (Bentley 1975,
-    doi:10.1145/361002.361007), all of them in one go. A part of more than `fewest` is cut again
-    where its points are clearly denser on one side (`cut`). least: smallest side [m] that counts.
+    Each part is halved across its longer side, in its proportions, as in a k-d tree (Bentley 1975,
+    doi:10.1145/361002.361007), all in one go. A part of more than `fewest` is cut again if its
+    points are clearly denser on one side (`best_cut`). least: smallest side that counts [m].
     """
-    # even: points of parts that are not to be cut
+    # even: points of parts that were found uniform and are not cut
     square, even = weight * weight, np.zeros(len(weight), bool)
     while True:
         size, first = np.diff(parts.start), parts.start[:-1]
@@ -249,14 +264,13 @@ def _grown(
             even[parts.order[0]] |= np.repeat(~halve & (below == size), size)
         if np.all(below == size):
             return parts
-        parts = _divided(parts, axis, below, swapped=~halve)
+        parts = _divide(parts, axis, below, swapped=~halve)
 
 
-def _divided(parts: Parts, axis: Array, below: Array, swapped: Array | bool = False) -> Parts:
-    """Return parts in two each, first what is below along an axis, unless swapped; those with all
-    below stay whole.
+def _divide(parts: Parts, axis: Array, below: Array, swapped: Array | bool = False) -> Parts:
+    """Return parts divided in two, first the points that are below along an axis, unless swapped.
 
-    below: how many points of each part are, (k,).
+    below: number of such points in each part, (k,); parts with all points below stay whole.
     """
     size = np.diff(parts.start)
     rank = np.arange(parts.start[-1]) - np.repeat(parts.start[:-1], size)
@@ -272,29 +286,35 @@ def _divided(parts: Parts, axis: Array, below: Array, swapped: Array | bool = Fa
 
 
 def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: float) -> Boxes:
-    """Return boxes of points x, y [m], (n,), that are the same particles at several times, of equal
-    weight.
+    """Return boxes of points that are the same particles at several times, of equal weight.
 
-    All boxes are halved across their longer sides, level by level, in one go, until they hold no
-    more than `most` particles at a time, and on to `fewest` where that makes the points clearly
-    likelier (as a tree of regression is pruned, Breiman and others 1984). copies: how many times
-    each particle counts; least: smallest side [m] that counts.
+    All boxes are halved across their longer sides, level by level, until they hold no more than
+    `most` particles at a time, and on to `fewest` where that makes the points clearly likelier (as
+    a regression tree is pruned, Breiman and others 1984).
+
+    Args:
+        x: east of the points [m], shape (n,).
+        y: north of them [m], shape (n,).
+        most: largest number of particles in a box at a time.
+        fewest: smallest number at a time.
+        copies: number of times at which each particle occurs.
+        least: smallest side that counts [m].
     """
     points = np.stack([x, y])
     depth = max(math.ceil(math.log2(len(x) / (most * copies))), 0)
     deepest = max(math.floor(math.log2(len(x) / (fewest * copies))), depth)
-    parts = _whole(points)
+    parts = _one_part(points)
     starts, ends = [parts.start], [_ends(points, parts)]
     for _ in range(deepest):
         low, high = ends[-1]
-        parts = _divided(parts, np.argmax(high - low, axis=0), np.diff(parts.start) // 2)
+        parts = _divide(parts, np.argmax(high - low, axis=0), np.diff(parts.start) // 2)
         starts.append(parts.start)
         ends.append(_ends(points, parts))
     best, split = np.zeros(0), []  # logarithms of likelihood; which boxes of each level are halved
     for level in range(deepest, depth - 1, -1):
         low, high = ends[level]
         count = np.maximum(np.diff(starts[level]) / copies, 1.5)
-        # On average, n even points span (n - 1) / (n + 1) of each side of their box.
+        # On average, n uniform points span (n - 1) / (n + 1) of each side of their box.
         extent = np.maximum((high - low) * ((count + 1) / (count - 1)), least)
         own = count * (np.log(count) - np.log(extent).sum(axis=0))
         halves = (
@@ -320,16 +340,23 @@ def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: f
 def best_cut(
     points: Array, weight: Array, parts: Parts, some: Array, fewest: float, least: float
 ) -> tuple[Array, Array]:
-    """Return the axis of the best cut of some parts, and how many points lie below it: all where
-    they may be even.
+    """Return the best cut of some parts: its axis, and how many points lie below it.
 
-    points: [m] (2, n); some: numbers of parts, (k,). A cut counts if it makes n effective points
-    more than n^3 times likelier. Even boxes are then cut by chance in 1 % of cases with 20 points
-    and in 0.4 % with 80; with n^2 it would be one in twelve and one in seventeen.
+    A cut counts if it makes n effective points more than n^3 times likelier; otherwise the part
+    counts as uniform, with all points below. Uniform boxes are then cut by chance in 1 % of cases
+    with 20 points and in 0.4 % with 80; with n^2 it would be one in twelve and one in seventeen.
+
+    Args:
+        points: [m], shape (2, n).
+        weight: of the points, shape (n,).
+        parts: of the points.
+        some: indices of the parts, shape (k,).
+        fewest: smallest effective number on either side of a cut.
+        least: smallest side that counts [m].
     """
     axis, below = np.zeros(len(some), np.int64), np.diff(parts.start)[some]
     long = np.ceil(np.log2(below))
-    # parts of nearly equal length side by side, the shorter padded by their last point
+    # handle parts of similar size together, padding the shorter ones with their last point
     for length in np.unique(long):
         rows = np.flatnonzero(long == length)
         size = below[rows]
@@ -361,11 +388,10 @@ def best_cut(
 
 
 def _logs(points: Array, share: Array, least: float) -> Array:
-    """Return the logarithm of the likelihood of the first 1, 2, ... points, if they are even in
-    their own box.
+    """Return the log likelihood of the first 1, 2, ... points, if uniform in their own box.
 
-    On average, n even points span (n - 1) / (n + 1) of each side of their box. points: (2, k, n);
-    share: (k, n).
+    On average, n uniform points span (n - 1) / (n + 1) of each side of their box. points: (2, k,
+    n); share: (k, n).
     """
     count = np.maximum(np.cumsum(share, axis=1), 2.0)
     sides = np.maximum.accumulate(points, axis=2) - np.minimum.accumulate(points, axis=2)

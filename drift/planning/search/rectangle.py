@@ -1,12 +1,11 @@
-"""Rectangles that a unit can search by parallel sweeps, or by patterns in their place: from free
-numbers to tracks.
+"""Rectangles that a unit searches by parallel sweeps or another pattern: parameters to tracks.
 
 A rectangle is a row (x, y, orientation, log spacing, log of length over width, wait, along,
-across): centre [m] on the plane, orientation [rad], seconds waited beyond the earliest arrival, and
-the corner of commencement (-1 or 1 each, as drift.evidence.filter.patterns). Legs are whole: n legs
-of L - S and n - 1 cross legs of S are n L - S of track, which the search time fills. Of a square or
-a sector search the centre is its datum and the corner its hand. Where a crew's manner drifts, the
-centre is where the frame is when the search begins.
+across): centre [m] on the plane, orientation [rad], seconds of wait beyond the earliest arrival,
+and the corner of commencement (-1 or 1 each, as in drift.evidence.filter.patterns). The number of
+legs is whole: n legs of L - S and n - 1 cross legs of S are n L - S of track, which uses the whole
+search time. For a square or a sector search the centre is its datum and the corner its handedness.
+If a crew's frame drifts, the centre is that of the frame at the begin of the search.
 """
 
 import math
@@ -31,28 +30,28 @@ from geo.array import Array
 from geo.polyline import Legs
 
 X, Y, TURN, SPACING, ASPECT, WAIT, ALONG, ACROSS = range(8)
-SHORTEST = 600.0  # [s] of search that is worth a sortie, of a unit that can search for longer
-CLEAR = 300.0  # [s] that an area must have been left before one beside it is searched
+SHORTEST = 600.0  # [s] shortest search worth a sortie, for a unit that can search for longer
+CLEAR = 300.0  # [s] from the end of one search to the begin of one beside it
 SLIMMEST = 2.0  # a leg's rectangle is at least so many spacings long
 LEAST_SEA = 0.3  # least share of a boat's rectangle that is sea
-FITS = 5  # lengths that are tried until legs cut at the coast fill the time there is
-FULL = 0.97  # share of the time that is full enough
-STEP = 0.01  # of coverage in the tables of b
-MOST = 12.0  # largest coverage there
+FITS = 5  # most lengths tried until legs cut at the coast use the available time
+FULL = 0.97  # share of the available time at which that search ends
+STEP = 0.01  # of coverage in the table of detection probability
+MOST = 12.0  # largest coverage in that table
 
 
 @dataclass(frozen=True)
 class Crew:
-    """A unit as the optimiser takes it."""
+    """A unit in the form that the optimiser uses."""
 
     unit: Unit
     available: Availability
     plane: Plane
     zero: float  # [s since 1970] that times are counted from
-    # sweep width [m] by scenario, (scenarios,); where some steer by state too, (2, scenarios)
+    # sweep width [m] by scenario, (scenarios,); if some steer, by state as well, (2, scenarios)
     width: Array
     factor: Array  # (nodes,) of the sweep width, at the joint nodes of all unknown factors
-    curve: Array  # b at multiples of STEP of coverage
+    curve: Array  # detection probability at multiples of STEP of coverage
     # lateral range curve of a law without a rate: range / W, chance, ...; None: it has a rate
     table: Array | None
     course: Course | None = None  # of a boat near land; None: straight on
@@ -65,12 +64,12 @@ class Crew:
 
     @property
     def shortest(self) -> float:
-        """The shortest search that is worth its sortie [s]: all of its time, where that is short."""
+        """Shortest search that is worth a sortie [s]; all of its search time if that is less."""
         return min(SHORTEST, self.available.search)
 
     @property
     def widest(self) -> float:
-        """Its greatest sweep width [m]."""
+        """Greatest sweep width [m]."""
         return float(np.max(self.width))
 
 
@@ -82,7 +81,16 @@ def crew(
     factor: Array,
     course: Course | None = None,
 ) -> Crew:
-    """Return a unit as the optimiser takes it."""
+    """Return a unit in the form that the optimiser uses.
+
+    Args:
+        unit: of the case.
+        available: when the unit can search where.
+        plane: of the plan.
+        zero: first time of the tracks [s since 1970].
+        factor: of the sweep width at each joint node, shape (nodes,).
+        course: of a boat near land; None: straight on.
+    """
     curve = laws.pod(unit.law, np.arange(round(MOST / STEP) + 1) * STEP)
     table = None
     if laws.formulas_of(unit.law).detects == "abeam":
@@ -94,10 +102,10 @@ def crew(
 
 
 class Sweeps(NamedTuple):
-    """Rectangles as they would be flown, (c,) each."""
+    """Rectangles as they would be flown, shape (c,) each."""
 
     start: Array  # [s] after the crew's zero
-    duration: Array  # [s] of search; of a boat with the ways round what cuts its legs
+    duration: Array  # [s] of search; for a boat including the ways round land
     legs: Array
     spacing: Array  # [m]
     length: Array  # [m]
@@ -106,13 +114,16 @@ class Sweeps(NamedTuple):
     # of objects: nodes of a boat's legs, cut at the coast, as `path` returns them; None: they are
     # whole
     sailed: Array
-    moved: Array  # [m] (c, 2) by which the frame goes east and north while they are searched
+    moved: Array  # [m] (c, 2) drift of the frame, east and north, during the search
 
 
 def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
-    """Return what becomes of rectangles when their search time is filled.
+    """Return rectangles as they would be flown in the time that is available.
 
-    corner: times by where they commence, not by their centres.
+    Args:
+        crew: the unit.
+        rows: rectangles, shape (c, 8).
+        corner: True: times are those at the commence search point; False: at the centre.
     """
     manner, spacing = crew.manner, np.exp(rows[:, SPACING])
     x, y = rows[:, X], rows[:, Y]
@@ -144,10 +155,10 @@ def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
 
 
 def _at_sea(crew: Crew, rows: Array, flown: Sweeps, sailed: bool) -> Sweeps:
-    """Return rectangles of a boat, those that are mostly land being impossible.
+    """Return rectangles of a boat; those that are mostly land become impossible.
 
-    sailed: with legs as the boat can sail them in its time. Units that are no boats near land get
-    theirs unchanged.
+    sailed: whether legs are cut at the coast and fitted to the boat's time. Rectangles of other
+    units are unchanged.
     """
     if crew.course is None:
         return flown
@@ -174,7 +185,7 @@ def _at_sea(crew: Crew, rows: Array, flown: Sweeps, sailed: bool) -> Sweeps:
 
 
 def _in_time(crew: Crew, flown: Sweeps, legs: Legs, k: int) -> bool:
-    """Return whether a boat can be where legs begin when they do, and get home from where they end."""
+    """Return True if a boat can reach the legs in time and get home from their end."""
     assert crew.course is not None
     first, last = ((legs.lon[j], legs.lat[j]) for j in (0, -1))
     there = courses.distance(crew.course, crew.course.out, first) / crew.unit.transit_speed
@@ -185,19 +196,19 @@ def _in_time(crew: Crew, flown: Sweeps, legs: Legs, k: int) -> bool:
 
 
 def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
-    """Give rectangles legs cut at the coast, and the length with which these fill their time.
+    """Cut rectangles' legs at the coast, and choose the length that uses the available time.
 
-    flown: changed in place; a rectangle of which no length fits becomes impossible. which: numbers
+    flown: changed in place; a rectangle of which no length fits becomes impossible. which: indices
     of rectangles.
     """
-    whole = flown._replace(length=flown.length.copy())
+    uncut = flown._replace(length=flown.length.copy())
     most = np.full(len(rows), crew.shortest)
     flown.possible[which] = False
     for _ in range(FITS):
-        which = [k for k in which if whole.length[k] >= SLIMMEST * flown.spacing[k]]
+        which = [k for k in which if uncut.length[k] >= SLIMMEST * flown.spacing[k]]
         if not which:
             return
-        sailed = cut_at_coast(crew, [laid(crew, rows[k], whole, k) for k in which])
+        sailed = cut_at_coast(crew, [laid(crew, rows[k], uncut, k) for k in which])
         again = []
         for k, sailing in zip(which, sailed, strict=True):
             if sailing is None or math.isinf(sailing.home):
@@ -209,7 +220,7 @@ def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
             if took <= room and sought > most[k]:
                 most[k] = sought
                 flown.length[k], flown.start[k], flown.duration[k] = (
-                    whole.length[k],
+                    uncut.length[k],
                     start - crew.zero,
                     took,
                 )
@@ -219,13 +230,13 @@ def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
                     [flown.start[k] + sailing.elapsed, x, y, np.append(sailing.searching, False)]
                 )
             if not FULL * room <= took <= room:
-                whole.length[k] *= 0.995 * room / took
+                uncut.length[k] *= 0.995 * room / took
                 again.append(k)
         which = again
 
 
 class Laid(NamedTuple):
-    """A rectangle on the sphere, its legs in the half turn from north."""
+    """A rectangle on the sphere, with its orientation in the half turn from north."""
 
     centre: tuple[float, float]  # (lon, lat) [deg]
     turn: float  # [rad] orientation, 0 to pi
@@ -234,7 +245,7 @@ class Laid(NamedTuple):
 
 
 def laid(crew: Crew, row: Array, flown: Sweeps, k: int) -> Laid:
-    """Return rectangle k as it is flown, in whole seconds as a case file has them: later to begin."""
+    """Return rectangle k as flown, with its begin rounded up to a whole second."""
     turn, corner = float(row[TURN]) % (2 * math.pi), (int(row[ALONG]), int(row[ACROSS]))
     if turn >= math.pi:  # legs run both ways
         turn, corner = turn - math.pi, (-corner[0], -corner[1])
@@ -253,9 +264,7 @@ def laid(crew: Crew, row: Array, flown: Sweeps, k: int) -> Laid:
 
 
 def legs_of(crew: Crew, row: Array, flown: Sweeps, k: int) -> Legs:
-    """Return the legs of search k on the sphere, before any is cut at the coast, in whole seconds
-    to begin with.
-    """
+    """Return the legs of search k on the sphere, in whole seconds, before cuts at the coast."""
     if crew.manner.plain:
         return laid(crew, row, flown, k).pattern.legs
     nodes = path(crew, row, flown, k)
@@ -264,18 +273,18 @@ def legs_of(crew: Crew, row: Array, flown: Sweeps, k: int) -> Legs:
     )
 
 
-def cut_at_coast(crew: Crew, whole: Sequence[Laid]) -> list[Sailed | None]:
-    """Return a boat's legs of several rectangles cut at the coast; None where it can sail none."""
+def cut_at_coast(crew: Crew, rectangles: Sequence[Laid]) -> list[Sailed | None]:
+    """Return a boat's legs of several rectangles cut at the coast; None: no leg is left."""
     assert crew.course is not None
     legs = [
         (np.array(rectangle.pattern.legs.lon), np.array(rectangle.pattern.legs.lat))
-        for rectangle in whole
+        for rectangle in rectangles
     ]
     return courses.sail(crew.course, legs, crew.unit.search_speed, crew.unit.transit_speed)
 
 
 def share(crew: Crew, rows: Array, flown: Sweeps) -> Array:
-    """Return which share of rectangles is sea where the unit can get, (c,)."""
+    """Return the share of each rectangle that is sea within the unit's reach, shape (c,)."""
     if crew.course is None:
         return np.ones(len(rows))
     ticks = (np.arange(courses.SAMPLES) + 0.5) / courses.SAMPLES - 0.5
@@ -292,7 +301,14 @@ def share(crew: Crew, rows: Array, flown: Sweeps) -> Array:
 
 
 def commence(rows: Array, length: Array, spacing: Array, legs: Array) -> tuple[Array, Array]:
-    """Return (x, y) [m] of the points where the searches commence."""
+    """Return (x, y) [m] of the commence search points, each of shape (c,).
+
+    Args:
+        rows: rectangles, shape (c, 8).
+        length: of the rectangles [m], shape (c,).
+        spacing: of the legs [m], shape (c,).
+        legs: number of legs, shape (c,).
+    """
     along = rows[:, ALONG] * (length - spacing) / 2
     across = rows[:, ACROSS] * (legs - 1) / 2 * spacing
     sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
@@ -303,7 +319,7 @@ def smeared(crew: Crew, rows: Array, flown: Sweeps) -> tuple[Array, Array]:
     """Return rectangles for kernels.planning.rectangles, (c, 9), and their coverage.
 
     Coverage is by scenario (c, scenarios), or by state and scenario (c, 2, scenarios), as
-    crew.width.
+    `crew.width`.
     """
     sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
     duration = np.maximum(flown.duration, 1.0)
@@ -320,16 +336,16 @@ def smeared(crew: Crew, rows: Array, flown: Sweeps) -> tuple[Array, Array]:
             -rows[:, ACROSS],
         ]
     )
-    # Land in a boat's rectangle costs it about as much time, going round, as it saves.
+    # Land saves a boat about as much search time as going round it costs.
     track = crew.unit.search_speed * duration * share(crew, rows, flown)
     swept = track / np.maximum(flown.length * flown.width, 1.0)
     return table, crew.width * swept.reshape(-1, *[1] * crew.width.ndim)
 
 
 def path(crew: Crew, row: Array, flown: Sweeps, k: int) -> Array:
-    """Return the nodes of rectangle k, (n, 4).
+    """Return the nodes of rectangle k, shape (n, 4).
 
-    Columns: time [s after zero], x, y [m], whether the leg to the next searches.
+    Columns: time [s after zero], x, y [m], and whether the leg to the next node searches.
     """
     if flown.sailed[k] is not None:
         return np.asarray(flown.sailed[k])
@@ -350,17 +366,18 @@ def path(crew: Crew, row: Array, flown: Sweeps, k: int) -> Array:
         float(flown.start[k]),
     )
     if not manner.plain:
-        whole = math.ceil(crew.zero + start) - crew.zero
-        return manners.ground(x, y, manner, whole, float(flown.duration[k]), speed)
+        begin = math.ceil(crew.zero + start) - crew.zero
+        return manners.ground(x, y, manner, begin, float(flown.duration[k]), speed)
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(along), np.diff(across)))])
     return np.column_stack([start + way / speed, x, y, np.ones(2 * legs)])
 
 
 def hull(rows: Array, flown: Sweeps) -> tuple[Array, Array]:
-    """Return (centre, half of the sides) [m], (2, c) each, of rectangles that hold the whole
-    search.
+    """Return rectangles that enclose the whole search, with the drift of its frame.
 
-    Their orientation is that of the rows, sides are along it and across it.
+    Returns:
+        Centres and half sides [m], shape (2, c) each. Sides are along and across the rows'
+            orientation.
     """
     sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
     east, north = flown.moved.T
@@ -374,20 +391,20 @@ def hull(rows: Array, flown: Sweeps) -> tuple[Array, Array]:
 
 
 def apart(rows: Array, flown: Sweeps, row: Array, other: Sweeps) -> Array:
-    """Return the distance [m] of rectangles from one other, inf if they are not searched at the
-    same time.
+    """Return the distance [m] of rectangles from another one, shape (c,).
 
-    Where they overlap it is minus the way that would part them.
+    It is inf if they are not searched at the same time. If they overlap it is minus the shortest
+    displacement that separates them.
     """
     sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
     (centre, half), (place, beside) = hull(rows, flown), hull(row[None, :], other)
     own, size = np.array([math.sin(row[TURN]), math.cos(row[TURN])]), beside[:, 0]
     dx, dy = place - centre
-    # Corners of each in the other's own directions: along, across.
+    # Express the corners of each in the other's axes: along, across.
     nearest = np.full(len(rows), np.inf)
-    # gap along the direction that parts them most: separating axes
+    # largest gap along any axis (separating axes)
     deepest = np.full(len(rows), -np.inf)
-    # of the other, seen from each
+    # orientation of the other rectangle, relative to each
     turn_sin, turn_cos = own[0] * cos - own[1] * sin, own[1] * cos + own[0] * sin
     there = np.stack([dx * sin + dy * cos, dx * cos - dy * sin])
     back = np.stack([-dx * own[0] - dy * own[1], -dx * own[1] + dy * own[0]])

@@ -1,20 +1,21 @@
-"""Brownian bridges between way points on the sphere, and where they are at a time.
+"""Brownian bridges between way points on the sphere, and their position at a time.
 
-Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, equations 2 to 9, have them in
-a plane: the mean is on the straight way, the variance K^2 s (1 - s) T grows to the middle, and the
-errors of both ends, normal and perhaps correlated, add to it in the proportion 1 - s and s. Here
-the way is a great circle, so that no plane must be chosen. What is across it changes with the way s
-as neighbouring great circles part and meet (Jacobi's equation, y'' = -y on the unit sphere): for
-ends an angle h apart, sin((1 - s) h) / sin(h) of the error of departure, sin(s h) / sin(h) of that
-of arrival, and the variance K^2 T sin(s h) sin((1 - s) h) / (h sin(h)), the equation's Green's
-function with both ends held. At s = 1/2 that is K^2 T tan(h/2) / (2 h). What is along the way is as
-in the plane, and for h -> 0 everything is: what it strays across has a variance larger by the share
-h^2 s (1 - s) / 3, at most h^2/12 (0.06 % for ends 300 nmi apart).
+Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, equations 2 to 9, define
+bridges in a plane: the mean is on the straight line, the variance K^2 s (1 - s) T is largest in the
+middle, and the normal, possibly correlated errors of both ends add in the proportions 1 - s and s.
+Here each leg is a great circle, so that no plane must be chosen. Deviations across it change with
+the share s of the leg as neighbouring great circles part and meet (Jacobi's equation, y'' = -y on
+the unit sphere). For ends an angle h apart the errors of departure and arrival have the factors
+sin((1 - s) h) / sin(h) and sin(s h) / sin(h). The variance is K^2 T sin(s h) sin((1 - s) h) / (h
+sin(h)), the equation's Green's function with both ends fixed. At s = 1/2 that is K^2 T tan(h/2) /
+(2 h). Deviations along the leg are as in the plane. For h -> 0 everything is; the variance across
+is larger than in the plane by the share h^2 s (1 - s) / 3, at most h^2/12 (0.06 % for ends 300 nmi
+apart).
 
-The law is of first order in the deviation from the way: with a standard deviation d it is off by
-the share (d/R)^2 or so, 0.17 % at d = 140 nmi. 400,000 paths of 400 Euler steps in three
-dimensions, over 6,000 nmi, had 140.28 +- 0.16 nmi across midway and 119.98 +- 0.13 along; by the
-law these are 140.20 and 120. Motion in each leg is independent of the ends and of the other legs.
+The distribution is of first order in the deviation: with a standard deviation d its relative error
+is about (d/R)^2, 0.17 % at d = 140 nmi. 400,000 paths of 400 Euler steps in three dimensions, over
+6,000 nmi, had 140.28 +- 0.16 nmi across midway and 119.98 +- 0.13 along; the model gives 140.20 and
+120. Motion in each leg is independent of the ends and of the other legs.
 """
 
 from dataclasses import dataclass
@@ -27,16 +28,15 @@ from geo.array import Array
 
 FARTHEST = np.radians(
     150.0
-)  # [rad] between way points: at 180 degrees all ways are equally short, and none is the mean
-WIDEST = sphere.RADIUS / 2  # [m] standard deviation; beyond it, a law of first order says little
-# share of the largest variance by which rounding may make a covariance lopsided or negative
+)  # [rad] between way points; at 180 degrees the shortest way is not unique
+WIDEST = sphere.RADIUS / 2  # [m] largest standard deviation for a model of first order
+# rounding allowed in a covariance's symmetry and sign, as a share of the largest variance
 LOOSE = 1e-9
 
 
 @dataclass(frozen=True)
 class Bridge:
-    """Way points in order of time, how well they are known, and how far the motion strays between
-    them.
+    """Way points in order of time, their errors, and the spread rate between them.
 
     lon, lat: [rad], (n,). time: [s], (n,), since 1970 or since any other moment. covariance: [m2],
     (2 n, 2 n), of the errors east and north at the first way point, east and north at the second,
@@ -52,7 +52,7 @@ class Bridge:
 
 @dataclass(frozen=True)
 class Position:
-    """Where a bridge is at some times: normal in the tangent plane of its mean.
+    """Position of a bridge at some times: normal in the tangent plane of its mean.
 
     time: [s], (m,). lon, lat: of the mean [rad], (m,). covariance: east and north of the mean [m2],
     (m, 2, 2).
@@ -66,10 +66,10 @@ class Position:
 
 @dataclass(frozen=True)
 class Ways:
-    """The great circles from way point to way point.
+    """The great circles between way points.
 
-    angle: length [rad], (n - 1,). begin, end: turn (east, north) at the leg's first and last point
-    into (along, to the left), (n - 1, 2, 2).
+    angle: length [rad], (n - 1,). begin, end: rotations of (east, north) at the leg's first and
+    last point to (along, to the left), (n - 1, 2, 2).
     """
 
     angle: Array
@@ -86,10 +86,15 @@ def between(
 ) -> Bridge:
     """Return the bridge between way points, two or more in order of time.
 
-    lon_deg, lat_deg: [deg], (n,). time: np.datetime64 in UTC, or seconds, (n,). spread_rate: K
-    [m/sqrt(s)]; drift.case.values.units has it from "12 nmi/sqrt(h)". covariance: [m2], (2 n, 2 n),
-    east and north at each way point; None: all are known exactly. Raises ValueError where there is
-    no such bridge.
+    Args:
+        lon_deg: of the way points [deg], shape (n,).
+        lat_deg: of the way points [deg], shape (n,).
+        time: np.datetime64 in UTC, or seconds, shape (n,).
+        spread_rate: K [m/sqrt(s)]; drift.case.values.units converts "12 nmi/sqrt(h)".
+        covariance: of errors east and north at each way point [m2], shape (2 n, 2 n); None: exact.
+
+    Raises:
+        ValueError: the arguments define no bridge.
     """
     lon, lat = (np.radians(np.atleast_1d(np.asarray(x, np.float64))) for x in (lon_deg, lat_deg))
     moments = np.atleast_1d(np.asarray(time))
@@ -100,26 +105,27 @@ def between(
     )
     size = 2 * lon.size
     matrix = np.zeros((size, size)) if covariance is None else np.asarray(covariance, np.float64)
-    _refuse(lon, lat, seconds, spread_rate, matrix)
+    _check(lon, lat, seconds, spread_rate, matrix)
     bridge = Bridge(lon, lat, seconds, (matrix + matrix.T) / 2, float(spread_rate))
     refuse_width(widest(bridge))
     return bridge
 
 
 def refuse_width(spread: float) -> None:
-    """Raise ValueError, one line, for a standard deviation [m] that a law of first order says
-    little of.
-    """
+    """Raise ValueError, one line, for a standard deviation [m] beyond the model's validity."""
     if spread > WIDEST:
         raise ValueError(
             f"it strays by {spread / notation.NMI:,.0f} nmi (standard deviation), more than the {WIDEST / notation.NMI:,.0f} nmi that the "
-            "model is good for; lower the spread rate or the errors, or give way points in between"
+            "model allows; lower the spread rate or the errors, or give way points in between"
         )
 
 
 def refuse_antipodes(lon: Array, lat: Array) -> None:
-    """Raise ValueError, one line, for way points [rad] (n,) of which two in a row are so far apart
-    that all ways are alike.
+    """Raise ValueError, one line, if two consecutive way points are nearly antipodal.
+
+    Args:
+        lon: of the way points [rad], shape (n,).
+        lat: of the way points [rad], shape (n,).
     """
     apart = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / sphere.RADIUS
     if apart.max(initial=0.0) > FARTHEST:
@@ -131,16 +137,17 @@ def refuse_antipodes(lon: Array, lat: Array) -> None:
 
 
 def widest(bridge: Bridge) -> float:
-    """Return the largest standard deviation [m] in any direction, at the way points and midway
-    between them.
+    """Return the largest standard deviation [m] in any direction.
+
+    It is evaluated at the way points and midway between them.
     """
     middle = (bridge.time[:-1] + bridge.time[1:]) / 2
     covariance = bridge_at(bridge, np.concatenate([bridge.time, middle])).covariance
     return float(np.sqrt(np.linalg.eigvalsh(covariance).max()))
 
 
-def _refuse(lon: Array, lat: Array, time: Array, spread_rate: float, covariance: Array) -> None:
-    """Raise ValueError, one line, for what makes no bridge."""
+def _check(lon: Array, lat: Array, time: Array, spread_rate: float, covariance: Array) -> None:
+    """Raise ValueError, one line, if the arguments define no bridge."""
     if not lon.shape == lat.shape == time.shape or lon.ndim != 1:
         raise ValueError(
             f"lon, lat and time have shapes {lon.shape}, {lat.shape} and {time.shape}; they must be one (n,)"
@@ -185,9 +192,9 @@ def ways(bridge: Bridge) -> Ways:
 
 
 def turned(ahead: Array) -> Array:
-    """Return what turns (east, north) into (along, to the left) of a direction (m, 2): (m, 2, 2).
+    """Return rotations (m, 2, 2) of (east, north) to (along, to the left) of directions (m, 2).
 
-    Where something stays at its place every direction will do.
+    For a direction of length 0, any rotation will do.
     """
     length = np.hypot(ahead[:, 0], ahead[:, 1])
     east, north = np.where(length > 0, ahead.T / np.where(length > 0, length, 1.0), [[1.0], [0.0]])
@@ -195,31 +202,39 @@ def turned(ahead: Array) -> Array:
 
 
 def across(share: Array, angle: Array) -> Array:
-    """Return sin(share h) / sin(h), which is the share itself where the ends are near each other."""
+    """Return sin(share h) / sin(h), which tends to the share for small angles h."""
     near = angle < 1e-7  # where it differs by less than 1e-14
     return np.where(near, share, np.sin(share * angle) / np.where(near, 1.0, np.sin(angle)))
 
 
 def strayed(share: Array, later: Array, angle: Array) -> Array:
-    """Return the covariance of what a bridge strays by two times, over K^2 T: (..., 2) along and
-    across the way.
+    """Return the covariance of a bridge at two times over K^2 T, along and across the leg.
 
-    share, later: of the leg's time, share <= later, (...). angle: length of the leg [rad], (...).
+    Args:
+        share: of the leg's time at the earlier time, shape (...).
+        later: the same at the later time, shape (...).
+        angle: length of the leg [rad], shape (...).
+
+    Returns:
+        Shape (..., 2).
     """
     plane = share * (1 - later)
-    # sin(s h) / (h sin(h)) sin((1 - s') h), with the h of both numerators taken out so that h -> 0
-    # does no harm
+    # sin(s h) / (h sin(h)) sin((1 - s') h), written so that h -> 0 is safe
     bent = across(share, angle) * (1 - later) * np.sinc((1 - later) * angle / np.pi)
     return np.stack([plane, bent], -1)
 
 
 def bridge_at(bridge: Bridge, time: npt.ArrayLike) -> Position:
-    """Return where a bridge is at times, np.datetime64 or seconds as the bridge has them, (m,).
+    """Return the position of a bridge at some times (equations 2 to 9, on the sphere).
 
-    Equations 2 to 9, on the sphere. Raises ValueError for a time before the first way point or
-    after the last.
+    Args:
+        bridge: with its way points.
+        time: np.datetime64, or seconds as in the bridge, shape (m,).
+
+    Raises:
+        ValueError: a time is before the first way point or after the last.
     """
-    on = _placed(bridge, time)
+    on = _on_legs(bridge, time)
     errors = np.einsum("mia,ab,mjb->mij", on.weights, bridge.covariance, on.weights)
     noise = bridge.spread_rate**2 * on.span[:, None] * strayed(on.share, on.share, on.angle)
     return Position(
@@ -228,36 +243,42 @@ def bridge_at(bridge: Bridge, time: npt.ArrayLike) -> Position:
 
 
 def joint(bridge: Bridge, time: npt.ArrayLike) -> tuple[Position, Array]:
-    """Return where a bridge is at times (m,), and the covariance [m2] of all these places, (2 m, 2
-    m).
+    """Return the positions of a bridge at some times, and their joint covariance.
 
-    The order is east and north of the first mean, east and north of the second, and so on.
+    Args:
+        bridge: with its way points.
+        time: np.datetime64, or seconds as in the bridge, shape (m,).
+
+    Returns:
+        The positions, and the covariance [m2], shape (2 m, 2 m): east and north at the first time,
+            east and north at the second, and so on.
     """
-    on = _placed(bridge, time)
+    on = _on_legs(bridge, time)
     size = on.time.size
     weights = on.weights.reshape(2 * size, -1)
-    whole = weights @ bridge.covariance @ weights.T
+    joint_covariance = weights @ bridge.covariance @ weights.T
     first, second = np.broadcast_arrays(np.arange(size)[:, None], np.arange(size))
     low, high = (
         np.minimum(on.share[first], on.share[second]),
         np.maximum(on.share[first], on.share[second]),
     )
     noise = bridge.spread_rate**2 * on.span[first][..., None] * strayed(low, high, on.angle[first])
-    # what it strays in one leg says nothing of another
+    # deviations in different legs are independent
     noise = noise * (on.leg[first] == on.leg[second])[..., None]
-    whole = whole + np.einsum("mai,mna,naj->minj", on.turn, noise, on.turn).reshape(whole.shape)
-    blocks = whole.reshape(size, 2, size, 2)[np.arange(size), :, np.arange(size)]
-    return Position(on.time, on.lon, on.lat, blocks), whole
+    joint_covariance = joint_covariance + np.einsum(
+        "mai,mna,naj->minj", on.turn, noise, on.turn
+    ).reshape(joint_covariance.shape)
+    blocks = joint_covariance.reshape(size, 2, size, 2)[np.arange(size), :, np.arange(size)]
+    return Position(on.time, on.lon, on.lat, blocks), joint_covariance
 
 
 @dataclass(frozen=True)
-class _Placed:
-    """Times of a bridge on its legs; every array begins with an axis of times, (m, ..).
+class _OnLegs:
+    """Times of a bridge on its legs; every array begins with the axis of times, (m, ..).
 
-    leg: number of the leg. share: of its time that has passed. span: its time [s]. angle: its
-    length [rad]. lon, lat: of the mean [rad]. turn: of (east, north) there into (along, to the
-    left), (m, 2, 2). weights: by which the errors of the way points enter east and north there, (m,
-    2, 2 n).
+    leg: index of the leg. share: elapsed share of its time. span: its time [s]. angle: its length
+    [rad]. lon, lat: of the mean [rad]. turn: rotation of (east, north) there to (along, to the
+    left), (m, 2, 2). weights: factors of the way points' errors east and north there, (m, 2, 2 n).
     """
 
     time: Array
@@ -271,7 +292,8 @@ class _Placed:
     weights: Array
 
 
-def _placed(bridge: Bridge, time: npt.ArrayLike) -> _Placed:
+def _on_legs(bridge: Bridge, time: npt.ArrayLike) -> _OnLegs:
+    """Return times of a bridge on its legs; raise ValueError for a time outside."""
     moments = np.atleast_1d(np.asarray(time))
     seconds = (
         notation.epochs(moments).astype(np.float64)
@@ -280,9 +302,9 @@ def _placed(bridge: Bridge, time: npt.ArrayLike) -> _Placed:
     )
     begin, end = bridge.time[0], bridge.time[-1]
     if not ((seconds >= begin) & (seconds <= end)).all():
-        given = np.extract(~((seconds >= begin) & (seconds <= end)), seconds)[0]
+        outside = np.extract(~((seconds >= begin) & (seconds <= end)), seconds)[0]
         raise ValueError(
-            f"{(given - begin) / 3600:g} h after departure is outside the bridge, which lasts {(end - begin) / 3600:g} h"
+            f"{(outside - begin) / 3600:g} h after departure is outside the bridge, which lasts {(end - begin) / 3600:g} h"
         )
     legs = ways(bridge)
     leg = np.clip(np.searchsorted(bridge.time, seconds, "right") - 1, 0, bridge.time.size - 2)
@@ -304,4 +326,4 @@ def _placed(bridge: Bridge, time: npt.ArrayLike) -> _Placed:
     side = np.arange(2)[:, None]
     weights[row, side, column] = np.einsum("mai,ma,maj->mij", turn, departure, legs.begin[leg])
     weights[row, side, column + 2] = np.einsum("mai,ma,maj->mij", turn, arrival, legs.end[leg])
-    return _Placed(seconds, leg, share, span, angle, lon, lat, turn, weights)
+    return _OnLegs(seconds, leg, share, span, angle, lon, lat, turn, weights)

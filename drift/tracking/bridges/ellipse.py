@@ -1,10 +1,9 @@
-"""Ellipses that hold a given probability of a normal law on the Earth, as polygons, and their
-areas.
+"""Ellipses that contain a given probability of a normal distribution on the Earth.
 
-A bivariate normal holds p within the ellipse x' C^-1 x = -2 log(1 - p). The law is normal in the
-tangent plane of its mean, so that the ellipse holds p exactly, and is laid on the sphere along
-great circles (exponential map). Its area is that in the plane: an ellipse with semi-axes of 300 nmi
-is smaller on the sphere by 0.06 %.
+A bivariate normal has the probability p within the ellipse x' C^-1 x = -2 log(1 - p). The
+distribution is normal in the tangent plane of its mean, so the ellipse contains p exactly. It is
+laid on the sphere along great circles (exponential map). Its area is that in the plane; an ellipse
+with semi-axes of 300 nmi is smaller on the sphere by 0.06 %.
 """
 
 import math
@@ -15,7 +14,7 @@ from geo import sphere
 from geo.array import Array
 from geo.notation import NMI
 
-CORNERS = 180  # of a polygon: its area is 0.02 % below the ellipse's
+CORNERS = 180  # of a polygon; its area is 0.02 % smaller than the ellipse's
 
 
 def _factor(share: float) -> float:
@@ -28,12 +27,21 @@ def _factor(share: float) -> float:
 def polygon(
     lon: float, lat: float, covariance: Array, share: float, corners: int = CORNERS
 ) -> Array:
-    """Return the ellipse about a mean that holds a share of the probability, (corners, 2), lon and
-    lat [deg].
+    """Return the ellipse about a mean that contains a share of the probability.
 
-    lon, lat: of the mean [rad]. covariance: east and north [m2], (2, 2). The corners go round
-    anticlockwise, the first is not repeated. Longitudes run on without a jump at 180 degrees.
-    Raises ValueError for a share outside 0 to 1.
+    Args:
+        lon: of the mean [rad].
+        lat: of the mean [rad].
+        covariance: east and north [m2], shape (2, 2).
+        share: of the probability, 0 to 1.
+        corners: number of corners.
+
+    Returns:
+        Lon and lat [deg], shape (corners, 2), anticlockwise; the first corner is not repeated.
+            Longitudes are continuous at 180 degrees.
+
+    Raises:
+        ValueError: `share` is outside 0 to 1.
     """
     value, vector = np.linalg.eigh(covariance)
     turn = 2 * np.pi * np.arange(corners) / corners
@@ -46,19 +54,25 @@ def polygon(
 
 
 def area(covariance: Array, share: float) -> Array:
-    """Return the area [nmi2] of the ellipse that holds a share; covariance: [m2], (..., 2, 2).
+    """Return the area [nmi2] of the ellipse that contains a share of the probability.
 
-    Raises as `polygon`.
+    Args:
+        covariance: [m2], shape (..., 2, 2).
+        share: of the probability, 0 to 1; outside it raises ValueError.
     """
     spread = np.sqrt(np.maximum(np.linalg.det(covariance), 0.0))
     return np.asarray(np.pi * _factor(share) * spread / NMI**2)
 
 
 def axes(covariance: Array) -> tuple[Array, Array, Array]:
-    """Return the standard deviations [m] along and across the ellipse's long axis, and its
-    direction [rad, clockwise from north].
+    """Return the standard deviations [m] along and across the ellipse's axes, and its direction.
 
-    covariance: east and north [m2], (..., 2, 2). The direction is from 0 up to half a turn.
+    Args:
+        covariance: east and north [m2], shape (..., 2, 2).
+
+    Returns:
+        Along the long axis, across it, and the direction of the long axis [rad] clockwise from
+            north, from 0 up to half a turn.
     """
     value, vector = np.linalg.eigh(covariance)
     std = np.sqrt(np.maximum(value, 0.0))
@@ -70,10 +84,13 @@ def axes(covariance: Array) -> tuple[Array, Array, Array]:
 
 
 def held(offset: Array, covariance: Array) -> Array:
-    """Return the share that the ellipse through a place holds, which is uniform on 0 to 1 where the
-    law is true.
+    """Return the share that the ellipse through a position contains.
 
-    offset: east and north of the mean [m], (..., 2). covariance: (..., 2, 2).
+    It is uniform on 0 to 1 if the distribution is correct.
+
+    Args:
+        offset: east and north of the mean [m], shape (..., 2).
+        covariance: [m2], shape (..., 2, 2).
     """
     solved = np.linalg.solve(covariance, offset[..., None])[..., 0]
     return np.asarray(-np.expm1(-0.5 * (offset * solved).sum(-1)))

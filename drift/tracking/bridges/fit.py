@@ -1,13 +1,12 @@
-"""The spread rate K of Brownian bridges from real tracks, by maximum likelihood: `drift
-fit-bridge`.
+"""Spread rate K of Brownian bridges from real tracks, by maximum likelihood: `drift fit-bridge`.
 
-Three likelihoods, in METHODS: by neighbours (Horne et al. 2007), which says how far something
-strays from the straight way between fixes as far apart as the tracks' (or as `every`), and by whole
-stretches with errors of the fixes (Pozdnyakov et al. 2014), with and without a mean velocity. Ships
-turn, so that their K grows with the time from fix to fix: fit it to the time that will pass in your
-case. The standard error is that of the curvature of the log likelihood (observed information); of
-ten tracks or more also that clustered by track (sandwich, White 1982, doi:10.2307/1912526), since
-tracks differ; the larger of both is `spread_error`.
+METHODS holds three likelihoods. The one by neighbours (Horne et al. 2007) measures the deviation
+from the straight way between fixes at the tracks' own interval (or `every`). The two by whole
+stretches (Pozdnyakov et al. 2014), with and without a mean velocity, include errors of the fixes.
+Ships turn, so their K grows with the interval between fixes: fit it at the interval of your case.
+The standard error comes from the curvature of the log likelihood (observed information). With ten
+tracks or more it is also clustered by track (sandwich, White 1982, doi:10.2307/1912526), because
+tracks differ; `spread_error` is the larger of both.
 """
 
 import math
@@ -28,14 +27,14 @@ from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
 
-FEWEST = 4  # comparisons of a fix with the bridge of others, or steps, from which a K is fitted
-ENOUGH = 10  # fewest tracks with which the spread between them counts
-STEP = 0.02  # step of a logarithm for derivatives: their error is some 1e-4 of them
-RANGE = 9.0  # logarithm of how far from a first guess K and the fixes' error may lie
-NOTHING = 1e-3  # share of the first guess at which K counts as none
-# [m/sqrt(s)] a centimetre in an hour: as much as coordinates with seven decimals stray by
+FEWEST = 4  # fewest comparisons (or steps) to which a K is fitted
+ENOUGH = 10  # fewest tracks for a standard error clustered by track
+STEP = 0.02  # step of a logarithm for derivatives; their relative error is about 1e-4
+RANGE = 9.0  # largest log ratio of K, or the fixes' error, to its first guess
+NOTHING = 1e-3  # share of the first guess below which K counts as 0
+# [m/sqrt(s)] a centimetre in an hour: rounding of coordinates with seven decimals
 ROUNDING = 1e-2 / 60
-LARGEST = 2e7  # [m] largest error of a fix: half round the Earth
+LARGEST = 2e7  # [m] largest error of a fix: half the Earth's circumference
 FLAT = 1e-9  # share of a log likelihood below which its differences are rounding
 SHARES = (0.5, 0.9)
 DAY = 86_400.0
@@ -43,9 +42,7 @@ DAY = 86_400.0
 
 @dataclass(frozen=True)
 class Method:
-    """A likelihood: what it is made from, its value by track, how many comparisons it has, a first
-    guess, and its words.
-    """
+    """A likelihood: data, log likelihood by track, comparisons, first guess and description."""
 
     made: Callable[[Sequence[Stretch]], Any]
     log_likelihood: Callable[[Any, float, float], Array]
@@ -55,21 +52,22 @@ class Method:
 
 
 def _guess_triples(of: Triples) -> float:
+    """Return a first guess of K [m/sqrt(s)]."""
     return math.sqrt(float((of.away**2 / of.unit).mean()))
 
 
 def _count_steps(of: Sequence[together.Steps]) -> int:
+    """Return the number of steps."""
     return sum(one.time.size for one in of)
 
 
 def _count_beyond_mean(of: Sequence[together.Steps]) -> int:
-    """Return how many steps are left to compare with the mean velocity, which takes one of each
-    stretch.
-    """
+    """Return the number of steps less one for each stretch's mean velocity."""
     return sum(one.time.size - 1 for one in of)
 
 
 def _guess_steps(of: Sequence[together.Steps]) -> float:
+    """Return a first guess of K [m/sqrt(s)]."""
     return math.sqrt(float(np.concatenate([one.moved**2 / one.time[:, None] for one in of]).mean()))
 
 
@@ -100,11 +98,10 @@ METHODS = {
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often the area that should hold a share held fixes of the tracks that its K was not
-    fitted to.
+    """How often the area of a share contained fixes of tracks to which K was not fitted.
 
-    first: by the K of the first half, of fixes of the second; second: the other way round; both:
-    all of them.
+    first: fixes of the second half, with the K of the first; second: the other way round; both: all
+    of them.
     """
 
     share: float
@@ -115,9 +112,9 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Half:
-    """A fit to half of the tracks:
+    """A fit to half of the tracks.
 
-    K and its standard error [m/sqrt(s)], comparisons or steps, tracks.
+    K and its standard error [m/sqrt(s)], the number of comparisons or steps, and that of tracks.
     """
 
     spread_rate: float
@@ -128,7 +125,7 @@ class Half:
 
 @dataclass(frozen=True)
 class Held:
-    """Fits to either half of the tracks, and what their areas held of the other half."""
+    """Fits to each half of the tracks, and their coverage of the other half."""
 
     halves: tuple[Half, Half]
     coverage: tuple[Coverage, ...]
@@ -136,13 +133,12 @@ class Held:
 
 @dataclass(frozen=True)
 class Fit:
-    """A spread rate that suits tracks, and how well it is known.
+    """A fitted spread rate and its uncertainty.
 
     spread_rate: K [m/sqrt(s)]. spread_error: its standard error, the larger of `curvature` and
     `clustered`, which is NaN for fewer than ENOUGH tracks. error: standard deviation of a fix in
-    each component [m], given or fitted; error_error: its standard error, NaN where it was given.
-    count: comparisons, steps, or steps less one in each stretch. hours: median time [h] from fix to
-    fix.
+    each component [m], given or fitted; error_error: its standard error, NaN if given. count:
+    comparisons, steps, or steps less one in each stretch. hours: median interval [h] between fixes.
     """
 
     method: str
@@ -170,12 +166,18 @@ def fit(
     rules: Rules | None = None,
     held_out: bool = False,
 ) -> Fit:
-    """Return the spread rate under which tracks are likeliest.
+    """Return the spread rate of highest likelihood.
 
-    tracks: from drift.assess.verify.reading. method: a name in METHODS. error: standard deviation
-    of a fix in each component [m]; None: it is fitted too. rules: which steps count. held_out:
-    whether to fit every other track, in order of their first fixes, as well, and to say what the
-    areas by that fit hold of the others. Raises UserError, one line.
+    Args:
+        tracks: of drift.assess.verify.reading.
+        method: a name in METHODS.
+        error: standard deviation of a fix in each component [m]; None: fitted as well.
+        rules: which steps count.
+        held_out: whether to fit every other track as well, in the order of first fixes, and report
+            how its areas cover the rest.
+
+    Raises:
+        UserError: one line.
     """
     if method not in METHODS:
         raise UserError(f'--by "{method}" is not known; choose from {", ".join(METHODS)}')
@@ -206,6 +208,8 @@ def fit(
 
 @dataclass(frozen=True)
 class _Best:
+    """The fit of a method to some stretches."""
+
     spread_rate: float
     spread_error: float
     curvature: float
@@ -222,37 +226,35 @@ def _names(of: Sequence[Stretch]) -> list[str]:
 
 
 def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what: str) -> _Best:
-    """Return the likeliest spread rate; what: words for the stretches in a refusal."""
-    made = method.made(of)
-    count = method.count(made)
+    """Return the best fit; what: name of the stretches in error messages."""
+    data = method.made(of)
+    count = method.count(data)
     if count < FEWEST:
         raise UserError(
             f"{what}: {counted(count, 'comparison')} of a fix with those beside it: too few to fit a spread rate to; {FEWEST} or more "
             f"are needed, each of three fixes one after another that count (there are {counted(sum(s.time.size for s in of), 'fix', 'fixes')} in "
             f"{counted(len(of), 'stretch', 'stretches')}); see --every, --max-gap, --min-speed"
         )
-    guess = method.guess(made)
+    guess = method.guess(data)
     straight = f"{what}: nothing strays from the straight way between its fixes: there is no spread rate to fit"
     if guess < ROUNDING:
         raise UserError(straight)
 
     def own(point: Array) -> Array:
-        """Return the log likelihood by track; point: logarithms of K and, where it is fitted, of
-        the error.
-        """
+        """Return the log likelihood by track for logarithms of K and a fitted error."""
         spread, sd = math.exp(point[0]), math.exp(point[1]) if error is None else error
-        return method.log_likelihood(made, spread, sd)
+        return method.log_likelihood(data, spread, sd)
 
     point = _highest(lambda p: float(own(p).sum()), guess, _lengths(of), error)
     spread = math.exp(point[0])
-    none = point - np.array([RANGE + math.log(spread / guess), *[0.0] * (point.size - 1)])
-    best, least = (float(own(p).sum()) for p in (point, none))
+    without_spread = point - np.array([RANGE + math.log(spread / guess), *[0.0] * (point.size - 1)])
+    best, least = (float(own(p).sum()) for p in (point, without_spread))
     if spread < NOTHING * guess or not best - least > FLAT * max(abs(best), 1.0):
         if error == 0:
             raise UserError(straight)
-        told = "that was fitted" if error is None else f"of {error:g} m (standard deviation)"
+        described = "that was fitted" if error is None else f"of {error:g} m (standard deviation)"
         raise UserError(
-            f"{what}: the error of the fixes {told} explains all that they stray by: no spread rate is left; give a smaller "
+            f"{what}: the error of the fixes {described} explains all that they stray by: no spread rate is left; give a smaller "
             "--error, or take fixes farther apart (--every)"
         )
     free = [0, 1] if error is None and point[1] > math.log(NOTHING * _lengths(of)) else [0]
@@ -275,9 +277,7 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
 
 
 def _lengths(of: Sequence[Stretch]) -> float:
-    """Return a length [m] to which an error of fixes compares: the root mean square step is hardly
-    shorter.
-    """
+    """Return the root mean square step [m], to which an error of fixes is compared."""
     steps = [
         sphere.distance(stretch.lon[:-1], stretch.lat[:-1], stretch.lon[1:], stretch.lat[1:])
         for stretch in of
@@ -288,9 +288,7 @@ def _lengths(of: Sequence[Stretch]) -> float:
 def _highest(
     log: Callable[[Array], float], guess: float, length: float, error: float | None
 ) -> Array:
-    """Return the logarithms of K, and of the error where it is fitted, at which the likelihood is
-    highest.
-    """
+    """Return the logarithms of K, and of a fitted error, of highest likelihood."""
     centre = math.log(guess)
     if error is not None:
         found = optimize.minimize_scalar(
@@ -320,10 +318,9 @@ def _highest(
 def _derivatives(
     own: Callable[[Array], Array], point: Array, free: Sequence[int]
 ) -> tuple[Array, Array]:
-    """Return the inverse of the observed information of the logarithms, and their scores by track
-    (tracks, free).
+    """Return the inverse observed information, and scores by track (tracks, free).
 
-    The inverse is NaN where the likelihood is flat.
+    Both refer to logarithms of the parameters. The inverse is NaN if the likelihood is flat.
     """
     unit = STEP * np.eye(point.size)[list(free)]
     up, down = (np.stack([own(point + sign * step) for step in unit], -1) for sign in (1, -1))
@@ -343,9 +340,7 @@ def _derivatives(
 
 
 def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Held:
-    """Return what areas by a fit to every other track hold of the inner fixes of the others, and
-    the other way round.
-    """
+    """Return the fits to each half of the tracks, and their coverage of the other half."""
     names = _names(of)
     parts = [[stretch for stretch in of if stretch.name in set(names[side::2])] for side in (0, 1)]
     if not parts[1]:
@@ -370,21 +365,25 @@ def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Hel
         tracks.append(2 * others.name + side)
         days.append(others.time // DAY)
     pooled = [np.concatenate(parts) for parts in (squares, tracks, days)]
-    found = []
+    coverage = []
     for share in SHARES:
         estimates = [
             clusters.mean(held <= share, track, day, share=True)
             for held, track, day in (*zip(squares, tracks, days, strict=True), pooled)
         ]
-        found.append(Coverage(share, *estimates))
-    return Held((halves[0], halves[1]), tuple(found))
+        coverage.append(Coverage(share, *estimates))
+    return Held((halves[0], halves[1]), tuple(coverage))
 
 
 def within(of: Triples, spread_rate: float, error: float) -> Array:
-    """Return the share that the ellipse through each inner fix holds, (m,): uniform on 0 to 1 where
-    the law is true.
+    """Return the share that the ellipse through each inner fix contains, shape (m,).
 
-    spread_rate: K [m/sqrt(s)]. error: standard deviation of a fix in each component [m].
+    It is uniform on 0 to 1 if the model is correct.
+
+    Args:
+        of: inner fixes with their neighbours (m).
+        spread_rate: K [m/sqrt(s)].
+        error: standard deviation of a fix in each component [m].
     """
     variance = spread_rate**2 * of.unit + error**2 * of.error
     return np.asarray(-np.expm1(-0.5 * (of.away**2 / variance).sum(-1)))

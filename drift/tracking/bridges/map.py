@@ -1,9 +1,8 @@
-"""The picture of a bridge: its areas on the coast at the times asked for, and when it touches
-lines.
+"""Map of a bridge: its areas at the requested times, and curves of line crossings.
 
-The shading is the probability density averaged over all the time, the home range of Bullard 1999
-and Horne et al. 2007. Dark is more, and areas differ by their dashes, so that it reads in grey.
-Land comes from the polygons handed in; nothing is downloaded.
+The shading is the probability density averaged over time, the home range of Bullard 1999 and Horne
+et al. 2007. Darker is denser, and areas differ by dashes, so that the map is readable in grey. Land
+polygons are an argument; nothing is downloaded.
 """
 
 from collections.abc import Iterable, Sequence
@@ -31,7 +30,7 @@ from geo.box import Box
 from geo.notation import NMI
 
 MAP = (0.055, 0.09, 0.575, 0.77)  # left, bottom, width, height, as shares of the page
-LEFT, WIDE = 0.735, 0.245  # of what stands beside the map
+LEFT, WIDE = 0.735, 0.245  # left edge and width of the curves beside the map
 SHEET = Sheet(
     11.7,
     8.3,
@@ -43,20 +42,20 @@ SHEET = Sheet(
 )
 BLUE = "#0b4f8a"
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))
-# colours, dashes and marks of the lines that are asked about
+# colours, dashes and markers of the study's lines
 LINES: tuple[tuple[str, Any, str], ...] = (
     ("#b3261e", "-", "o"),
     ("#1b5e20", (0, (5, 1)), "s"),
     ("#6a3d9a", (0, (1.2, 0.8)), "^"),
     ("#8a5a00", (0, (5, 1, 1.2, 1)), "D"),
 )
-CELLS, MOMENTS = 180, 121  # along each side of the shading's grid; times over which it averages
-WIDEST = 0.99  # share of the probability at every time that is in the frame
-WORDS = 9  # times that are labelled
+CELLS, MOMENTS = 180, 121  # of the shading: cells along each side, times averaged over
+WIDEST = 0.99  # share of the probability at every time that the frame contains
+WORDS = 9  # most times that are labelled
 
 
 def box(asked: Answers) -> Box:
-    """Return a box [deg] that holds all that the chart shows, for the coast to draw."""
+    """Return a box [deg] that contains the whole chart, for reading the coast."""
     west, south, east, north = _frame(asked).bounds()
     west = sphere.wrap_degrees(west)
     return Box(
@@ -65,6 +64,7 @@ def box(asked: Answers) -> Box:
 
 
 def _frame(asked: Answers) -> Frame:
+    """Return the frame of the chart."""
     bridge = asked.study.bridge
     place = bridges.bridge_at(bridge, np.linspace(bridge.time[0], bridge.time[-1], 41))
     middle = float(np.degrees(place.lon[20]))
@@ -85,7 +85,14 @@ def _frame(asked: Answers) -> Frame:
 def plot_bridge(
     asked: Answers, path: Path, polygons: Iterable[Any], attributes: dict[str, str]
 ) -> None:
-    """Draw the answers into a PNG; polygons: of land [deg]; attributes: provenance, into the file."""
+    """Draw the answers into a PNG.
+
+    Args:
+        asked: the answers of a study.
+        path: the picture to write.
+        polygons: land [deg].
+        attributes: provenance, written into the file.
+    """
     bridge = asked.study.bridge
     on = sheet.begin_page(SHEET)
     hours = (bridge.time[-1] - bridge.time[0]) / 3600
@@ -137,7 +144,7 @@ def plot_bridge(
 
 
 def _means(frame: Frame, asked: Answers, count: int = 121) -> tuple[Array, Array]:
-    """Return the mean way on the chart [m]."""
+    """Return the mean path on the chart [m]."""
     bridge = asked.study.bridge
     way = bridges.bridge_at(bridge, np.linspace(bridge.time[0], bridge.time[-1], count))
     return frame.project(np.degrees(way.lon), np.degrees(way.lat))
@@ -154,7 +161,7 @@ def _shading(axes: Axes, frame: Frame, asked: Answers) -> Any:
     x, y = np.meshgrid(*((edge[1:] + edge[:-1]) / 2 for edge in edges))
     lonlat = chart.DEGREES.transform_points(frame.crs, x, y)
     lon, lat = np.radians(lonlat[..., 0]), np.radians(lonlat[..., 1])
-    # [m2] a point of no spread is spread over its cell
+    # [m2] variance of a uniform distribution over a cell, added to every position
     cell = ((frame.x[1] - frame.x[0]) / CELLS) ** 2 / 12
     total = np.zeros(x.shape)
     for k in range(MOMENTS):
@@ -166,8 +173,7 @@ def _shading(axes: Axes, frame: Frame, asked: Answers) -> Any:
         )
         total += np.exp(-0.5 * square) / (2 * np.pi * np.sqrt(np.linalg.det(covariance)))
     density = 100 * NMI**2 * total / MOMENTS
-    # The ends of a bridge whose ends are known are points, whose density would take all the
-    # colours.
+    # Exactly known ends have a very high density that would use up the colour scale.
     top = (
         float(np.quantile(density[density > density.max() / 50], 0.97))
         if density.max() > 0
@@ -189,7 +195,7 @@ def _shading(axes: Axes, frame: Frame, asked: Answers) -> Any:
 
 
 def _lines(axes: Axes, frame: Frame, asked: Answers) -> None:
-    """Draw the lines that are asked about, all the way across the chart."""
+    """Draw the study's lines across the whole chart."""
     for k, touch in enumerate(asked.touches):
         lon, lat = _great_circle(touch.line)
         x, y = frame.project(lon, lat)
@@ -209,7 +215,7 @@ def _lines(axes: Axes, frame: Frame, asked: Answers) -> None:
 
 
 def _great_circle(line: Line) -> tuple[Array, Array]:
-    """Return points all the way round a line's great circle [deg], a quarter of a degree apart."""
+    """Return points on a line's full great circle [deg], a quarter of a degree apart."""
     east, north = sphere.offset(line.lon[0], line.lat[0], line.lon[1], line.lat[1])
     scale = sphere.RADIUS / np.hypot(east, north)
     turn = np.linspace(-np.pi, np.pi, 1441)
@@ -220,7 +226,7 @@ def _great_circle(line: Line) -> tuple[Array, Array]:
 
 
 def _ways(axes: Axes, frame: Frame, asked: Answers) -> None:
-    """Draw the mean way, the areas at each time, and the way points with their errors."""
+    """Draw the mean path, the areas at each time, and the way points."""
     axes.plot(*_means(frame, asked), color=INK, linewidth=1.2, linestyle=(0, (1, 2)), zorder=9)
     for outlines in study.polygons(asked):
         for k, outline in enumerate(outlines):
@@ -259,23 +265,23 @@ def _ways(axes: Axes, frame: Frame, asked: Answers) -> None:
 
 
 def _names(frame: Frame, asked: Answers) -> list[labels.Point]:
-    """Return the labels: of way points, then of a few of the times."""
+    """Return the labels of way points, then of some of the times."""
     bridge, place = asked.study.bridge, asked.position
     x, y = frame.project(np.degrees(bridge.lon), np.degrees(bridge.lat))
     bold = {"fontsize": 9, "weight": "bold", "color": INK}
     points: list[labels.Point] = [
         (a, b, name, bold) for a, b, name in zip(x, y, asked.study.names, strict=True)
     ]
-    every = int(np.ceil(place.time.size / WORDS))
+    step = int(np.ceil(place.time.size / WORDS))
     x, y = frame.project(np.degrees(place.lon), np.degrees(place.lat))
-    for k in range(0, place.time.size, every):
+    for k in range(0, place.time.size, step):
         words = f"+{(place.time[k] - bridge.time[0]) / 3600:.3g} h"
         points.append((float(x[k]), float(y[k]), words, {"fontsize": 8, "color": BLUE}))
     return points
 
 
 def _touches(axes: Axes, asked: Answers) -> None:
-    """Draw by when lines have been touched, with the percentiles as marks."""
+    """Draw the probability that lines have been crossed by a time, with percentiles."""
     bridge = asked.study.bridge
     top = 0.0
     for k, touch in enumerate(asked.touches):
@@ -303,12 +309,14 @@ def _touches(axes: Axes, asked: Answers) -> None:
         [f"{100 * t:.{digits}f} %" for t in ticks[ticks <= 1.06 * max(top, 1e-12)]],
     )
     by = ", ".join(notation.hundredths(share) for share in asked.study.percentiles)
-    axes.set_title(f"Line touched by then (marks: {by} %)", fontsize=9.5, loc="left", color=INK)
+    axes.set_title(
+        f"Line crossed by this time (marks: {by} %)", fontsize=9.5, loc="left", color=INK
+    )
     _plain(axes, asked)
 
 
 def _areas(axes: Axes, asked: Answers) -> None:
-    """Draw how large the areas are at each time."""
+    """Draw the size of the areas against time."""
     bridge = asked.study.bridge
     time = np.linspace(bridge.time[0], bridge.time[-1], 241)
     covariance = bridges.bridge_at(bridge, time).covariance
@@ -334,6 +342,7 @@ def _areas(axes: Axes, asked: Answers) -> None:
 
 
 def _plain(axes: Axes, asked: Answers) -> None:
+    """Format the axes of a curve against time."""
     bridge = asked.study.bridge
     axes.set_xlim(0, (bridge.time[-1] - bridge.time[0]) / 3600)
     axes.tick_params(labelsize=8, colors=INK)
@@ -343,7 +352,7 @@ def _plain(axes: Axes, asked: Answers) -> None:
 
 
 def _key(asked: Answers) -> Sequence[tuple[Any, str]]:
-    """Return symbols and what they mean."""
+    """Return the legend's symbols and texts."""
     rows: list[tuple[Any, str]] = [
         (Line2D([], [], linestyle="none", marker="*", markersize=11, color=chart.RED), "way point"),
         (Line2D([], [], color=INK, linewidth=1.2, linestyle=(0, (1, 2))), "mean way"),
@@ -355,7 +364,7 @@ def _key(asked: Answers) -> Sequence[tuple[Any, str]]:
             "linestyle": DASHES[k % len(DASHES)],
         }
         rows.append((Line2D([], [], **style), f"{notation.hundredths(share)} % area"))
-    rows.append((Patch(facecolor="#e0607a", edgecolor=GREY), "density over all the time"))
+    rows.append((Patch(facecolor="#e0607a", edgecolor=GREY), "density, averaged over time"))
     for k, touch in enumerate(asked.touches):
         chance = f"{touch.chance.value:.3g}"
         colour, dashes, _ = LINES[k % len(LINES)]

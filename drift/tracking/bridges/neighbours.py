@@ -1,12 +1,11 @@
-"""The likelihood of a spread rate by neighbours: every second fix against the bridge between the
-fixes beside it.
+"""Likelihood of a spread rate by neighbours: every second fix against the bridge about it.
 
 Horne, Garton, Krone and Lewis 2007, doi:10.1890/06-0957.1: of fixes 1, 2, 3, .. the second is
 compared with the bridge from the first to the third, the fourth with that from the third to the
-fifth, and so on, so that no fix is compared and compared with. Given the way points, what a bridge
-strays by in one leg is independent of the others. Errors of the fixes enter by both ends, as in the
-paper, and by the inner fix, which the paper leaves out; that neighbouring triples share an end,
-whose error is then in both, stays disregarded, as there.
+fifth, and so on. So no fix serves both as an inner fix and as an end. Given the way points,
+deviations in different legs are independent. Errors of the fixes enter through both ends, as in the
+paper, and through the inner fix, which the paper omits. Neighbouring triples share an end and its
+error; that correlation is neglected, as in the paper.
 """
 
 from collections.abc import Sequence
@@ -22,12 +21,12 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Triples:
-    """Inner fixes against their neighbours' bridges.
+    """Inner fixes compared with their neighbours' bridges.
 
-    name: number of the track of each, (m,). time: of the inner fix [s since 1970], (m,). away: of
-    the inner fix from the bridge's mean [m], along the way and to its left, (m, 2). unit: variance
-    of that for a spread rate of 1 [s], (m, 2). error: variance for an error of 1 m in each
-    component of each fix, (m, 2).
+    name: index of each one's track, (m,). time: of the inner fix [s since 1970], (m,). away:
+    deviation of the inner fix from the bridge's mean [m], along the leg and to its left, (m, 2).
+    unit: its variance for a spread rate of 1 [s], (m, 2). error: its variance for an error of 1 m
+    in each component of each fix, (m, 2).
     """
 
     name: Array
@@ -38,8 +37,9 @@ class Triples:
 
 
 def triples(stretches: Sequence[Stretch]) -> Triples:
-    """Return every second inner fix of the stretches with its neighbours; (0, ..) where no stretch
-    has three fixes.
+    """Return every second inner fix of the stretches with its neighbours.
+
+    The result is empty if no stretch has three fixes.
     """
     names = {
         name: number
@@ -54,6 +54,7 @@ def triples(stretches: Sequence[Stretch]) -> Triples:
     )
 
     def fixes(shift: int) -> tuple[Array, Array, Array]:
+        """Return time, lon and lat of all inner fixes shifted by some fixes."""
         columns = [
             (stretch.time[inner + shift], stretch.lon[inner + shift], stretch.lat[inner + shift])
             for stretch, inner in zip(stretches, index, strict=True)
@@ -76,10 +77,12 @@ def triples(stretches: Sequence[Stretch]) -> Triples:
 
 
 def log_likelihood(of: Triples, spread_rate: float, error: float) -> Array:
-    """Return the log likelihood by track, (tracks,).
+    """Return the log likelihood by track, shape (tracks,).
 
-    spread_rate: K [m/sqrt(s)]. error: standard deviation of a fix in each component [m]. One of
-    them must be above 0.
+    Args:
+        of: inner fixes with their neighbours.
+        spread_rate: K [m/sqrt(s)].
+        error: standard deviation of a fix in each component [m]. One of the two must be above 0.
     """
     variance = spread_rate**2 * of.unit + error**2 * of.error
     each = -0.5 * (np.log(2 * np.pi * variance) + of.away**2 / variance).sum(-1)

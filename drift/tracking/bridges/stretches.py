@@ -1,8 +1,6 @@
-"""Tracks cut into stretches on which something moved: thinned, without silence, without what lay at
-anchor.
+"""Tracks cut into stretches of motion: thinned, without gaps, without times at anchor.
 
-A step is the way from a fix that is kept to the next one. A stretch is a run of steps that all
-count.
+A step leads from one kept fix to the next. A stretch is a run of steps that all count.
 """
 
 from collections.abc import Sequence
@@ -18,8 +16,8 @@ from geo.box import Box
 from geo.errors import UserError
 from geo.notation import KNOT
 
-FASTEST = 60 * KNOT  # [m/s] hardly anything at sea is faster
-GAP = 24 * 3600.0  # [s] longest step, where nothing is thinned
+FASTEST = 60 * KNOT  # [m/s] default of the highest believable speed
+GAP = 24 * 3600.0  # [s] longest step if tracks are not thinned
 LATE = 1.5  # longest step by default, as a multiple of the interval to which tracks are thinned
 SOON = 0.5  # shortest step, as a share of that interval
 
@@ -28,10 +26,10 @@ SOON = 0.5  # shortest step, as a share of that interval
 class Rules:
     """Which steps of tracks count.
 
-    every: interval to which tracks are thinned [s], each fix being followed by that whose time is
-    nearest to it; None: all fixes are kept. gap: longest step that counts [s]; None: LATE times
-    `every`, or GAP. slowest: speed from fix to fix [m/s] that a step must exceed. fastest: speed
-    that no fix may need. without: a box whose fixes are left out, and over which no step goes.
+    every: interval [s] to which tracks are thinned: each fix is followed by the one nearest to an
+    interval later; None: all fixes are kept. gap: longest step that counts [s]; None: LATE times
+    `every`, or GAP. slowest: speed between fixes [m/s] that a step must exceed. fastest: highest
+    believable speed [m/s]. without: a box whose fixes are left out, and which no step spans.
     """
 
     every: float | None = None
@@ -42,14 +40,15 @@ class Rules:
 
     @property
     def longest(self) -> float:
-        """The longest step that counts [s]."""
+        """Longest step that counts [s]."""
         return self.gap or (GAP if self.every is None else LATE * self.every)
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Fixes of a track with steps that count: time [s since 1970], lon, lat [rad], each (n,), n at
-    least 2.
+    """Fixes of a track joined by steps that count.
+
+    time [s since 1970], lon, lat [rad], each (n,), with n at least 2.
     """
 
     name: str
@@ -60,7 +59,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Cut:
-    """Stretches in order of tracks, and notes on what was left out."""
+    """Stretches in the order of tracks, and notes on what was left out."""
 
     stretches: tuple[Stretch, ...]
     notes: tuple[str, ...]
@@ -69,7 +68,7 @@ class Cut:
 def cut_tracks(tracks: Sequence[Track], rules: Rules) -> Cut:
     """Return the stretches of tracks, in the order of the tracks' first fixes.
 
-    Raises UserError where no step is left.
+    Raises UserError if no step is left.
     """
     believed = records.believed(tracks, rules.fastest, records.nowhere)
     counts = dict.fromkeys(("box", "long", "slow"), 0)
@@ -101,6 +100,7 @@ def cut_tracks(tracks: Sequence[Track], rules: Rules) -> Cut:
 
 
 def _inside(track: Track, box: Box | None) -> Array:
+    """Return which fixes are inside the box, shape (n,)."""
     if box is None:
         return np.zeros(track.time.size, bool)
     lon = sphere.east_of_degrees(track.lon, box.west)
@@ -108,7 +108,7 @@ def _inside(track: Track, box: Box | None) -> Array:
 
 
 def _moving(track: Track, rules: Rules, counts: dict[str, int]) -> list[Stretch]:
-    """Return the stretches of one run of fixes; counts: of steps that were left out, by reason."""
+    """Return the stretches of one run of fixes; counts: left-out steps by reason, updated."""
     kept = records.selected(track, _thinned(track.time, rules.every))
     lon, lat = np.radians(kept.lon), np.radians(kept.lat)
     step = np.diff(kept.time)
@@ -127,17 +127,16 @@ def _moving(track: Track, rules: Rules, counts: dict[str, int]) -> list[Stretch]
 
 
 def _thinned(time: Array, every: float | None) -> Array:
-    """Return which fixes are kept, as indices: from each the one whose time is nearest to an
-    interval later.
+    """Return the indices of kept fixes: each is the one nearest to an interval after the last.
 
-    Of fixes that come sooner than SOON of the interval none is taken.
+    Fixes that follow sooner than SOON of the interval are skipped.
     """
     if every is None:
         return np.arange(time.size)
     kept = [0]
     while True:
         now = time[kept[-1]]
-        # An interval that is lost in rounding still goes on to the next fix.
+        # Always advance, even if the interval is lost in rounding.
         after = max(int(np.searchsorted(time, now + every)), kept[-1] + 1)
         before = max(after - 1, kept[-1] + 1)
         near = [k for k in (before, after) if k < time.size and time[k] >= now + SOON * every]
@@ -152,7 +151,7 @@ def counted(number: int, one: str, many: str | None = None) -> str:
 
 
 def told(rules: Rules) -> str:
-    """Return the rules in words."""
+    """Return a description of the rules."""
     words = ["all fixes" if rules.every is None else f"fixes every {rules.every / 3600:g} h"]
     words.append(f"steps of at most {rules.longest / 3600:g} h")
     if rules.slowest > 0:

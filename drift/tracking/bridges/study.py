@@ -1,6 +1,4 @@
-"""What is asked of one bridge: its lines, its times, its areas; and the answers as they are
-printed, drawn and written.
-"""
+"""A study of one bridge (lines, times, areas) and its answers."""
 
 from dataclasses import dataclass
 
@@ -14,16 +12,16 @@ from drift.tracking.bridges.crossing import Chance, Crossing, Line
 from geo import sphere
 from geo.array import Array
 
-CURVE = 81  # times of a curve of the probability of having touched a line
-ROUGH = 0.01  # (deviation / Earth's radius)^2 from which a note says so
+CURVE = 81  # points of a curve of the crossing probability
+ROUGH = 0.01  # (deviation / Earth's radius)^2 above which a note warns of the error
 
 
 @dataclass(frozen=True)
 class Study:
-    """A bridge, and what is asked of it.
+    """A bridge and the requested results.
 
     names: of the way points. times: [s since 1970], (m,). shares: of the areas; percentiles: of
-    crossing times; both 0 to 1. coast: "gshhg", "none" or a shoreline file, for the picture.
+    crossing times; both 0 to 1. coast: "gshhg", "none" or a shoreline file, for the map.
     """
 
     title: str
@@ -38,8 +36,9 @@ class Study:
 
 @dataclass(frozen=True)
 class Touch:
-    """What is to be told of a line: whether it is touched, and by when, if it is: [s since 1970],
-    one for each percentile.
+    """Results for a line: the probability of a crossing, and percentiles of its time.
+
+    The times are [s since 1970], conditional on a crossing.
     """
 
     line: Line
@@ -50,9 +49,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class Answers:
-    """Positions at the times asked for, areas [nmi2] (times, shares), and what is to be told of
-    each line.
-    """
+    """Positions at the requested times, areas [nmi2] (times, shares), and results for lines."""
 
     study: Study
     position: Position
@@ -62,7 +59,7 @@ class Answers:
 
 
 def answers(study: Study) -> Answers:
-    """Return what a study asks for."""
+    """Return the results of a study."""
     position = bridges.bridge_at(study.bridge, study.times)
     areas = np.stack([ellipse.area(position.covariance, share) for share in study.shares], -1)
     touches = []
@@ -73,22 +70,21 @@ def answers(study: Study) -> Answers:
     notes = []
     if (rough := (bridges.widest(study.bridge) / sphere.RADIUS) ** 2) > ROUGH:
         notes.append(
-            f"it strays so far that the distributions, which are of first order in that, are off by some {100 * rough:.0f} %"
+            f"it strays so far that the distributions (first order in the deviation) have an error of about {100 * rough:.0f} %"
         )
     return Answers(study, position, areas, tuple(touches), tuple(notes))
 
 
 def curve(touch: Touch) -> tuple[Array, Array]:
-    """Return times [s since 1970] and the probability that the line has been touched by then,
-    (CURVE,).
-    """
+    """Return times [s since 1970] and the probability of a crossing by then, (CURVE,) each."""
     time = np.linspace(touch.crossing.time[0], touch.crossing.time[-1], CURVE)
     return time, np.array([crossings.by(touch.crossing, float(moment)).value for moment in time])
 
 
 def polygons(asked: Answers) -> list[list[Array]]:
-    """Return for each time the polygons of the areas, each (corners, 2), lon and lat [deg],
-    longitudes without jumps.
+    """Return the polygons of the areas at each time.
+
+    Each is (corners, 2), lon and lat [deg], with continuous longitudes.
     """
     place = asked.position
     return [

@@ -1,4 +1,4 @@
-"""Bridges and fitted spread rates as lines for a terminal, as a line of a case, and as GeoJSON."""
+"""Text of bridges and fitted spread rates: terminal lines, a line for the case, GeoJSON."""
 
 import json
 import math
@@ -18,20 +18,21 @@ from geo.notation import NMI
 Facts = dict[str, str]
 
 UNIT = NMI / math.sqrt(3600)  # [m/sqrt(s)] one nmi/sqrt(h)
-CERTAIN = 1e-4  # standard error of integration from which it is told
+CERTAIN = 1e-4  # standard error of integration above which it is shown
 
 
 def spread_rate(value: float) -> str:
-    """Return a spread rate [m/sqrt(s)] as a case has it: 3.6 nmi/sqrt(h)."""
+    """Return a spread rate [m/sqrt(s)] as in a case file: 3.6 nmi/sqrt(h)."""
     return f"{value / UNIT:.3g} nmi/sqrt(h)"
 
 
 def _moment(seconds: float) -> str:
+    """Return the date-time group of a time [s since 1970]."""
     return notation.format_dtg(np.datetime64(round(seconds), "s"))
 
 
 def answers(found: Answers) -> Facts:
-    """Return where the bridge is at each time, the areas, and what is to be told of lines."""
+    """Return the bridge's positions, areas and line crossings as labelled lines."""
     study, place = found.study, found.position
     long, short, direction = ellipse.axes(place.covariance)
     hours = (study.bridge.time[-1] - study.bridge.time[0]) / 3600
@@ -53,7 +54,7 @@ def answers(found: Answers) -> Facts:
 
 
 def summary_of_bridge(found: Answers) -> dict[str, Any]:
-    """Return the same for programs: positions in degrees, the rest in SI."""
+    """Return the same as JSON data: positions in degrees, the rest in SI units."""
     study, place = found.study, found.position
     long, short, direction = ellipse.axes(place.covariance)
     return {
@@ -90,6 +91,7 @@ def summary_of_bridge(found: Answers) -> dict[str, Any]:
 
 
 def _touch(found: Answers, touch: Touch) -> str:
+    """Return the crossing of a line as text."""
     error = f" ± {touch.chance.error:.1g}" if touch.chance.error > CERTAIN else ""
     words = f"touched with probability {touch.chance.value:.4g}{error}"
     if not touch.chance.value > 0:
@@ -123,7 +125,7 @@ def features(found: Answers) -> str:
 
 
 def fitted(fit: Fit) -> Facts:
-    """Return lines, by name, on the spread rate, how well it is known, and how it was checked."""
+    """Return a fit as labelled lines: the spread rate, its uncertainty and its checks."""
     facts = {
         "spread rate K": f"{fit.spread_rate / UNIT:.3g} ± {fit.spread_error / UNIT:.2g} nmi/sqrt(h) ({fit.spread_rate:.4g} m/sqrt(s))",
         "likelihood": METHODS[fit.method].words,
@@ -157,6 +159,6 @@ def fitted(fit: Fit) -> Facts:
 
 
 def toml(fit: Fit) -> str:
-    """Return the line of a case."""
-    every = f", {fit.hours:.2g} h from fix to fix" if fit.method == "neighbours" else ""
-    return f'k = "{spread_rate(fit.spread_rate)}"  # ± {fit.spread_error / UNIT:.2g}, fitted to {counted(fit.tracks, "track")}{every}'
+    """Return the fitted spread rate as a line for a case."""
+    interval = f", {fit.hours:.2g} h from fix to fix" if fit.method == "neighbours" else ""
+    return f'k = "{spread_rate(fit.spread_rate)}"  # ± {fit.spread_error / UNIT:.2g}, fitted to {counted(fit.tracks, "track")}{interval}'

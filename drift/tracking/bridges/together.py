@@ -1,15 +1,15 @@
-"""The likelihood of a spread rate by whole stretches: all steps together, with errors of the fixes.
+"""Likelihood of a spread rate by whole stretches: all steps jointly, with errors of the fixes.
 
-Pozdnyakov, Meyer, Wang and Yan 2014, doi:10.1890/13-0532.1: Brownian motion seen with independent
-errors. Neighbouring steps share the error of the fix between them, so that their covariance has
-three diagonals: K^2 dt + 2 e^2 on the main one and -e^2 beside it, for each component. The banded
-Cholesky factor gives the likelihood exactly in as many operations as there are steps. Their motion
-goes nowhere: `wandering`. What steams from port to port has a mean velocity as well, unknown in
-each stretch: `steady` regresses it (restricted likelihood), which leaves what a bridge from the
-stretch's first fix to its last one strays by.
+Pozdnyakov, Meyer, Wang and Yan 2014, doi:10.1890/13-0532.1: Brownian motion observed with
+independent errors. Neighbouring steps share the error of the fix between them, so their covariance
+has three diagonals: K^2 dt + 2 e^2 on the main one and -e^2 beside it, for each component. The
+banded Cholesky factor gives the exact likelihood in a number of operations proportional to the
+steps. In `wandering` the motion has no mean velocity. A ship between ports does have one, unknown
+in each stretch: `steady` regresses it (restricted likelihood), which leaves the deviation of a
+bridge from the stretch's first fix to its last.
 
-Each stretch is laid into the tangent plane of its middle fix (distances from there are right, those
-across by the share r^2/6 too long at r earth radii: 0.13 % at 300 nmi).
+Each stretch is projected to the tangent plane of its middle fix. Distances from there are exact;
+those across are too long by the share r^2/6 at r Earth radii (0.13 % at 300 nmi).
 """
 
 from collections.abc import Sequence
@@ -25,8 +25,9 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of one stretch: name: number of its track. moved: east and north [m], (n, 2). time: of
-    each step [s], (n,).
+    """Steps of one stretch.
+
+    name: index of its track. moved: east and north [m], (n, 2). time: of each step [s], (n,).
     """
 
     name: int
@@ -51,22 +52,26 @@ def steps(stretches: Sequence[Stretch]) -> tuple[Steps, ...]:
 
 
 def wandering(of: Sequence[Steps], spread_rate: float, error: float) -> Array:
-    """Return the log likelihood by track, (tracks,), of motion without a mean velocity.
+    """Return the log likelihood by track of motion without a mean velocity, shape (tracks,).
 
-    spread_rate: K [m/sqrt(s)]. error: standard deviation of a fix in each component [m]. One of
-    them must be above 0.
+    Args:
+        of: steps of each stretch.
+        spread_rate: K [m/sqrt(s)].
+        error: standard deviation of a fix in each component [m]. One of the two must be above 0.
     """
     return _by_track(of, spread_rate, error, steady=False)
 
 
 def steady(of: Sequence[Steps], spread_rate: float, error: float) -> Array:
-    """Return the restricted log likelihood by track, (tracks,): a mean velocity in each stretch;
-    else as `wandering`.
+    """Return the restricted log likelihood by track, with a mean velocity in each stretch.
+
+    Arguments and shape are as in `wandering`.
     """
     return _by_track(of, spread_rate, error, steady=True)
 
 
 def _by_track(of: Sequence[Steps], spread_rate: float, error: float, *, steady: bool) -> Array:
+    """Return the log likelihood by track, shape (tracks,)."""
     total = np.zeros(max((one.name for one in of), default=-1) + 1)
     for one in of:
         total[one.name] += _of_one(one, spread_rate, error, steady=steady)
@@ -85,12 +90,12 @@ def _of_one(one: Steps, spread_rate: float, error: float, *, steady: bool) -> fl
     )
     square = (one.moved * solved[:, :2]).sum()
     log_determinant = 2 * np.log(factor[0]).sum()
-    whole = -0.5 * square - log_determinant - size * np.log(2 * np.pi)
+    total = -0.5 * square - log_determinant - size * np.log(2 * np.pi)
     if steady:
         information = one.time @ solved[:, 2]
-        whole += (
+        total += (
             0.5 * ((one.time @ solved[:, :2]) ** 2).sum() / information
             - np.log(information)
             + np.log(2 * np.pi)
         )
-    return float(whole)
+    return float(total)

@@ -1,7 +1,7 @@
-"""A target that is rarely seen, held between detections by a cloud of particles that act.
+"""Particle filter of a rarely detected target whose particles act as an adversary would.
 
-The cloud is cut by every sweep of a sensor, one that found something or not, and filled again:
-Borovies 2007, Particle filter based tracking in a detection sparse discrete event simulation
-environment, Naval Postgraduate School, hdl.handle.net/10945/3648. What it does to weights is a
-heuristic, no Bayes.
+Every sweep of a sensor, with or without a detection, removes particles, and the cloud is then
+refilled: Borovies 2007, Particle filter based tracking in a detection sparse discrete event
+simulation environment, Naval Postgraduate School, hdl.handle.net/10945/3648. Its weights are a
+heuristic, not Bayesian.
 """

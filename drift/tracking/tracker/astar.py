@@ -1,11 +1,9 @@
-"""The cheapest way through cells in time: A* (Hart, Nilsson and Raphael 1968), guided by the same
-way as if nothing were closed.
+"""Cheapest path through cells in time: A* (Hart, Nilsson and Raphael 1968).
 
-A node is a cell at a step. From one step to the next it goes to any open cell within `stride`
-cells, or stays, and not across closed ones. The guide is the cost to go where moves may cross what
-is closed: no more than it is (admissible), and consistent, so that the first time a node is taken
-its way is the cheapest. Where nothing is in the way A* takes the nodes of one cheapest way and no
-others.
+A node is a cell at a step. From one step to the next a path moves to any open cell within `stride`
+cells, or stays; it may not cross closed ones. The heuristic is the cost to go if moves may cross
+closed cells. It never exceeds the true cost (admissible) and is consistent, so the first path to a
+node is its cheapest. Without closed cells A* expands only the nodes of one cheapest path.
 """
 
 import heapq
@@ -20,9 +18,7 @@ Cell = tuple[int, int]  # row, column
 
 
 def moves(stride: int) -> Array:
-    """Return the moves of a step (m, 2), rows and columns: all that are no longer than `stride`
-    cells.
-    """
+    """Return the moves of a step (m, 2), rows and columns, no longer than `stride` cells."""
     side = np.arange(-stride, stride + 1)
     rows, columns = np.meshgrid(side, side, indexing="ij")
     near = rows**2 + columns**2 <= stride**2
@@ -30,11 +26,15 @@ def moves(stride: int) -> Array:
 
 
 def to_go(cost: Array, stride: int, goal: Cell | None) -> Array:
-    """Return the least cost to go from each cell after each step, if nothing were closed; inf:
-    there is no way.
+    """Return the least cost to go from each cell after each step, ignoring closed cells.
 
-    cost: of being in a cell at steps 1 to K (K, rows, columns), 0 or more; goal: where it ends at
-    any step; without one it ends after step K. Shape (K + 1, rows, columns).
+    Args:
+        cost: of being in a cell at steps 1 to K, at least 0, shape (K, rows, columns).
+        stride: longest move [cells].
+        goal: where the path ends at any step; None: it ends after step K.
+
+    Returns:
+        Shape (K + 1, rows, columns); inf: no path.
     """
     around = np.zeros((2 * stride + 1,) * 2, bool)
     around[tuple((moves(stride) + stride).T)] = True
@@ -59,11 +59,19 @@ def cheapest(
     closed: Array,
     gates: Mapping[Cell, Array] | None = None,
 ) -> list[Cell]:
-    """Return the cells of the cheapest way after each step, from the start on.
+    """Return the cells of the cheapest path after each step, from the start on.
 
-    cost, goal: as of `to_go`; closed: cells (rows, columns) that cannot be entered or crossed.
-    gates: cells that are left by some moves alone, and entered by the same ones turned round, be
-    they closed or not: which of `moves` (m,). Raises ValueError where there is no way.
+    Args:
+        cost: as in `to_go`.
+        stride: longest move [cells].
+        start: first cell.
+        goal: as in `to_go`.
+        closed: cells that cannot be entered or crossed, bool (rows, columns).
+        gates: cells that allow only some moves, closed or not: which of `moves` may leave them,
+            (m,). The same moves reversed may enter them.
+
+    Raises:
+        ValueError: there is no path.
     """
     gates = {} if gates is None else gates
     shut = closed.copy()
@@ -108,11 +116,12 @@ def cheapest(
 
 
 def _between(move: Array) -> Array:
-    """Return the cells that a straight move touches between its ends (n, 2), relative to its begin:
-    at a corner all that meet.
+    """Return the cells that a straight move touches between its ends (n, 2), from its begin.
+
+    At a corner that is all cells that meet there.
     """
     rows, columns = (max(abs(int(part)), 1) for part in move)
-    parts = 2 * rows * columns  # so that every crossing of an edge is a point
+    parts = 2 * rows * columns  # so that every edge crossing is one of the points
     along = np.arange(1, parts)[:, None] / parts * move
     sides = (np.floor(along + 0.5), np.ceil(along - 0.5))
     touched = np.concatenate(
@@ -123,10 +132,12 @@ def _between(move: Array) -> Array:
 
 
 def _blocked(closed: Array, cell: Cell, between: Array) -> bool:
+    """Return True if a move from a cell crosses a closed one."""
     return bool(closed[tuple((between + cell).T)].any())
 
 
 def _way(before: dict[tuple[int, Cell], Cell], step: int, cell: Cell) -> list[Cell]:
+    """Return the cells from the start to a cell."""
     way: list[Cell] = [cell]
     for k in range(step, 0, -1):
         way.append(before[k, way[-1]])
@@ -134,5 +145,5 @@ def _way(before: dict[tuple[int, Cell], Cell], step: int, cell: Cell) -> list[Ce
 
 
 def value(cost: Array, way: Sequence[Cell]) -> float:
-    """Return what a way costs."""
+    """Return the cost of a path."""
     return float(sum(cost[k][cell] for k, cell in enumerate(way[1:])))

@@ -1,6 +1,4 @@
-"""What a tracker's sensors told, of which only detections were written down: their boxes, and when
-silence counts.
-"""
+"""Recorded detections of a tracker's sensors: their boxes, and when silence is evidence."""
 
 from dataclasses import dataclass
 
@@ -17,28 +15,34 @@ from kernels.tracking.clouds import DETECTED, SILENT
 
 @dataclass(frozen=True)
 class Detections:
-    """What was detected, in order of time, each (n,)."""
+    """Detections in order of time, each (n,)."""
 
     time: Array  # [s]
-    sensor: Array  # number of the sensor
-    bearing: Array  # [rad]; NaN: nothing is told of it
-    range: Array  # [m]; NaN: nothing is told of it
+    sensor: Array  # index of the sensor
+    bearing: Array  # [rad]; NaN: unknown
+    range: Array  # [m]; NaN: unknown
 
 
 def swept(
     sensors: tuple[Sensor, ...], found: Detections, tracker: Path, end: float
 ) -> list[Sweeps]:
-    """Return what each sensor's sweeps came to until an end [s]: what they detected first.
+    """Return the results of each sensor's sweeps until an end [s], detections first.
 
-    What is drawn again from a detection at one time is then cut by what others did not see at that
-    time. A detection's box is the measured range less and more the sensor's share of it, at most
-    its reach. Silence counts as `silences` says.
+    Particles redrawn from a detection are then cut by other sensors' silence at the same time. A
+    detection's box is the measured range less and more the sensor's share of it, at most its reach.
+    Silence counts as described in `silences`.
+
+    Args:
+        sensors: of the tracker.
+        found: their recorded detections.
+        tracker: its path.
+        end: [s].
     """
     parts = []
     for number, sensor in enumerate(sensors):
-        mine = found.sensor == number
+        own = found.sensor == number
         parts.append(
-            _detected(sensor, found.time[mine], found.bearing[mine], found.range[mine], tracker)
+            _detected(sensor, found.time[own], found.bearing[own], found.range[own], tracker)
         )
     silent = zip(sensors, silences(sensors, found, tracker, end), strict=True)
     return parts + [_silent(sensor, times, tracker) for sensor, times in silent if not sensor.hears]
@@ -47,12 +51,17 @@ def swept(
 def silences(
     sensors: tuple[Sensor, ...], found: Detections, tracker: Path, end: float
 ) -> list[Array]:
-    """Return the times [s] of each sensor's sweeps that found nothing and tell something by it,
-    until an end [s].
+    """Return the times [s] of each sensor's sweeps whose silence is evidence.
 
-    They do while the sensor is on, does not hear, and the tracker's place is known; and no nearer
-    than `grace` to a detection of what is within its reach, by whomever: of that the sensor should
-    have said something, so that its log is not whole.
+    Silence counts while the sensor is on, is not a passive receiver, and the tracker's position is
+    known. It does not count within `grace` of a detection, by any sensor, of a target within this
+    sensor's reach: the sensor should then have reported something, so its log is incomplete.
+
+    Args:
+        sensors: of the tracker.
+        found: their recorded detections.
+        tracker: its path.
+        end: [s].
     """
     reach = np.array([sensor.reach for sensor in sensors])
     farthest = np.where(np.isnan(found.range), reach[found.sensor], found.range)
@@ -74,6 +83,7 @@ def silences(
 def _detected(
     sensor: Sensor, time: Array, bearing: Array, measured: Array, tracker: Path
 ) -> Sweeps:
+    """Return the sweeps of one sensor's detections."""
     reach = sensor.reach / sphere.RADIUS
     distance = measured / sphere.RADIUS
     return Sweeps(
@@ -89,6 +99,7 @@ def _detected(
 
 
 def _silent(sensor: Sensor, time: Array, tracker: Path) -> Sweeps:
+    """Return the sweeps of one sensor that found nothing."""
     zero, n = np.zeros(len(time)), len(time)
     return Sweeps(
         time,
@@ -105,15 +116,23 @@ def _silent(sensor: Sensor, time: Array, tracker: Path) -> Sweeps:
 def ordered(
     sensors: tuple[Sensor, ...], found: Detections, tracker: Path, moments: Array, end: float
 ) -> Sweeps:
-    """Return all sweeps in order of time, with marks at times [s] (n,), after what is swept at
-    them.
+    """Return all sweeps in order of time, with marks after the sweeps of the same time.
+
+    Args:
+        sensors: of the tracker.
+        found: their recorded detections.
+        tracker: its path.
+        moments: times of the marks [s], shape (n,).
+        end: of the sweeps [s].
     """
     return sweeps.ordered([*swept(sensors, found, tracker, end), sweeps.marks(moments, tracker)])
 
 
 def needed(sensors: tuple[Sensor, ...], found: Detections, tracker: Path) -> tuple[Array, Array]:
-    """Return the times [s] of detections that tell a place and follow another, and a speed [m/s]
-    that the target had at least between the boxes of the two.
+    """Return the speed that the target needed at least between consecutive located detections.
+
+    Returns:
+        The times [s] of the later detections, and the speeds [m/s] between the boxes of each pair.
     """
     own = ~np.isnan(found.bearing) & ~np.isnan(found.range)
     time, bearing, far = found.time[own], found.bearing[own], found.range[own]

@@ -1,6 +1,4 @@
-"""What must be doubted in a tracking case before anything is followed: plots and logs that no
-vessel made.
-"""
+"""Plausibility checks of a tracking case: plots and logs that no vessel can have made."""
 
 from collections import Counter
 
@@ -15,42 +13,41 @@ from geo.array import Array
 from geo.coast import shore as coast
 from geo.notation import KNOT
 
-# [m] from the water, of a tracker's place that is doubted: charts, shorelines and logs differ
+# [m] tolerated distance of a tracker from water: charts, shorelines and logs differ
 INLAND = 1000.0
-MOST = 0.5  # of the box of a plot on land, from which on it is doubted
-SAMPLE = 200  # places of a tracker that are looked at, beside those that its log has
-GRID = 40  # ranges, and bearings, of a box at which land is looked for
+MOST = 0.5  # share of a plot's box on land above which a warning is given
+SAMPLE = 200  # positions of a tracker that are checked, in addition to those of its log
+GRID = 40  # ranges, and bearings, at which a box is tested for land
 
 
 def doubts_about(study: Study) -> list[str]:
-    """Return what must be doubted in the detections and the tracker's log of a case, each in words."""
-    told = [*_strayed(study), *_inland(study)]
+    """Return warnings about a case's detections and its tracker's log."""
+    warnings = [*_strayed(study), *_inland(study)]
     if not isinstance(study.target, Detections):
-        return told
-    dry = [
+        return warnings
+    plots_on_land = [
         f"{notation.percent(share, 0)} of the box of the plot of {notation.format_dtg(_moment(study, time))} is land: check its bearing and range, "
         "and the tracker's position"
         for time, share in ashore(study).items()
         if share > MOST
     ]
-    return [*_plots(study, study.target), *dry, *told]
+    return [*_plots(study, study.target), *plots_on_land, *warnings]
 
 
 def ashore(study: Study) -> dict[float, float]:
-    """Return what share of the box of each plot that has a bearing and a range is land, by its time
-    [s].
+    """Return the share of each located plot's box that is land, by its time [s].
 
-    Of several at one time it is the largest.
+    Of several plots at one time it is the largest.
     """
     found = study.target
     assert isinstance(found, Detections)
-    whole = ~np.isnan(found.bearing) & ~np.isnan(found.range)
-    if not study.minds_land or not whole.any():
+    located = ~np.isnan(found.bearing) & ~np.isnan(found.range)
+    if not study.minds_land or not located.any():
         return {}
     time, far, sensors = (
-        found.time[whole],
-        found.range[whole],
-        [study.sensors[k] for k in found.sensor[whole]],
+        found.time[located],
+        found.range[located],
+        [study.sensors[k] for k in found.sensor[located]],
     )
     reach, share, half = (
         np.array([getattr(one, name) for one in sensors])
@@ -59,7 +56,7 @@ def ashore(study: Study) -> dict[float, float]:
     middles = (np.arange(GRID) + 0.5) / GRID
     near, outer = far * (1 - share), np.minimum(far * (1 + share), reach)
     ranges = (near[:, None] + (outer - near)[:, None] * middles)[:, :, None]
-    bearings = (found.bearing[whole][:, None] + half[:, None] * (2 * middles - 1))[:, None, :]
+    bearings = (found.bearing[located][:, None] + half[:, None] * (2 * middles - 1))[:, None, :]
     lon, lat = (np.radians(x)[:, None, None] for x in path.degrees(study.tracker.at(time)[0]))
     places = path.vector(
         *sphere.destination(lon, lat, ranges * np.sin(bearings), ranges * np.cos(bearings))
@@ -71,14 +68,15 @@ def ashore(study: Study) -> dict[float, float]:
 
 
 def _inland(study: Study) -> list[str]:
-    """Return where the tracker, and a target that is followed in an experiment, are inland: no
-    water is within INLAND north, south, east or west, nor between.
+    """Return warnings if the tracker, or an experiment's target, is inland.
+
+    Inland means: no water within INLAND to the north, south, east or west, or between.
     """
     ways = {"tracker": study.tracker}
     if isinstance(study.target, Scene):
         ways["target"] = study.target.way
-    told = []
-    for who, way in ways.items() if study.minds_land else ():
+    warnings = []
+    for name, way in ways.items() if study.minds_land else ():
         begin, end = max(way.time[0], 0.0), min(way.time[-1], study.end)
         known = way.time[(way.time >= begin) & (way.time <= end)]
         time = np.unique(np.concatenate([known, np.linspace(begin, max(begin, end), SAMPLE)]))
@@ -87,15 +85,15 @@ def _inland(study: Study) -> list[str]:
         wide = high / np.maximum(np.cos(np.radians(lat)), 0.01)
         squares = shapely.STRtree(shapely.box(lon - wide, lat - high, lon + wide, lat + high))
         if (dry := np.sort(squares.query(polygons, predicate="covers")[1])).size:
-            told.append(
-                f"the {who} is on land at {notation.format_dtg(_moment(study, float(time[dry[0]])))}, "
+            warnings.append(
+                f"the {name} is on land at {notation.format_dtg(_moment(study, float(time[dry[0]])))}, "
                 f"{notation.position(float(lon[dry[0]]), float(lat[dry[0]]))}: check latitudes and longitudes, unless it flies"
             )
-    return told
+    return warnings
 
 
 def _placed(study: Study, place: Array) -> tuple[Array, Array, Array]:
-    """Return (lon, lat) [deg] of unit vectors (..., 3), and the polygons of land about them."""
+    """Return (lon, lat) [deg] of unit vectors (..., 3), and the land polygons about them."""
     box = shore.within_reach(study)
     lon, lat = path.degrees(place)
     return (
@@ -106,7 +104,7 @@ def _placed(study: Study, place: Array) -> tuple[Array, Array, Array]:
 
 
 def _on_land(study: Study, place: Array) -> Array:
-    """Return whether places (..., 3) are on land; in their shape (...)."""
+    """Return whether positions (..., 3) are on land, shape (...)."""
     lon, lat, polygons = _placed(study, place)
     found = np.zeros(lon.shape, bool)
     found.flat[
@@ -118,14 +116,13 @@ def _on_land(study: Study, place: Array) -> Array:
 
 
 def _moment(study: Study, seconds: float) -> np.datetime64:
+    """Return the time of seconds after the start."""
     return np.datetime64(notation.epoch(study.start) + round(seconds), "s")
 
 
 def _plots(study: Study, seen: Detections) -> list[str]:
-    """Return which plots are too far from the one before, stand twice, or were made by what was
-    off.
-    """
-    fastest, told = study.methods[0].behaviour.fastest, []
+    """Return warnings about plots too far apart, duplicated, or by a sensor that was off."""
+    fastest, warnings = study.methods[0].behaviour.fastest, []
     bearing = np.round(np.mod(seen.bearing, 2 * np.pi), 9) % round(2 * np.pi, 9)
     rows = Counter(
         zip(
@@ -138,33 +135,33 @@ def _plots(study: Study, seen: Detections) -> list[str]:
     for (time, number, *_), times in rows.items():
         if times > 1:
             when = notation.format_dtg(_moment(study, float(time)))
-            told.append(
+            warnings.append(
                 f"the plot of {when} by {study.sensors[number].name} stands {times} times: check for one that is missing"
             )
     for time, speed in zip(*detections.needed(study.sensors, seen, study.tracker), strict=True):
         if speed > fastest * 1.001:
             digits = 0 if speed > fastest + KNOT else 2
-            told.append(
+            warnings.append(
                 f"the plot of {notation.format_dtg(_moment(study, time))} needs {speed / KNOT:,.{digits}f} kn from the one before, "
                 f"fastest is {fastest / KNOT:.4g} kn: check both, or take a higher fastest"
             )
     for number, time in zip(seen.sensor, seen.time, strict=True):
         sensor = study.sensors[number]
-        # One that is never on is one whose silence is not to count.
+        # A sensor that is never on is one whose silence does not count.
         if (
             not sensor.hears
             and np.isfinite(sensor.on.begin)
             and not sensor.on.includes(float(time))
         ):
             when = notation.format_dtg(_moment(study, float(time)))
-            told.append(
+            warnings.append(
                 f"{sensor.name} was off when it detected something at {when}: check when it is on"
             )
-    return list(dict.fromkeys(told))
+    return list(dict.fromkeys(warnings))
 
 
 def _strayed(study: Study) -> list[str]:
-    """Return between which times the tracker's log has it go far faster than it mostly does."""
+    """Return warnings about times at which the tracker's log implies an unusual speed."""
     way = study.tracker
     speed = way.rate * sphere.RADIUS / KNOT
     usual = float(np.median(speed[speed > 1.0])) if (speed > 1.0).sum() > 2 else np.inf

@@ -1,6 +1,4 @@
-"""Many runs of a tracking case side by side, in several ways of following on common random numbers,
-and their figures.
-"""
+"""Many runs of a tracking case, with several trackers on common random numbers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +16,7 @@ from kernels.step.coast import DeviceCoast
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an experiment came to."""
+    """The results of an experiment."""
 
     study: Study
     figures: tuple[Figure, ...]
@@ -32,8 +30,12 @@ def run(
     shore: DeviceCoast | None = None,
     tell: Callable[[float], None] = lambda share: None,
 ) -> Outcome:
-    """Return the figures of an experiment; shore: on whose land nobody is; tell: takes the share
-    that is done.
+    """Return the figures of an experiment.
+
+    Args:
+        asked: the tracking case.
+        shore: coast that particles avoid; None: no coast.
+        tell: callback that receives the progress, 0 to 1.
     """
     worlds, ways = study.worlds(asked, shore)
     found = following.follow(
@@ -41,13 +43,13 @@ def run(
     )
     place, velocity, regular = [], [], []
     for world, way in zip(worlds, ways, strict=True):
-        told = world.sweeps.row >= 0
-        there = way.at(world.sweeps.time[told])
-        fill = found.place.shape[2] - int(told.sum())
+        recorded = world.sweeps.row >= 0
+        there = way.at(world.sweeps.time[recorded])
+        fill = found.place.shape[2] - int(recorded.sum())
         place.append(np.pad(there[0], ((0, fill), (0, 0)), constant_values=np.nan))
         velocity.append(np.pad(there[1], ((0, fill), (0, 0)), constant_values=np.nan))
-        time = np.pad(world.sweeps.time[told], (0, fill), constant_values=np.nan)
-        regular.append((time, np.pad(world.sweeps.marked[told], (0, fill))))
+        time = np.pad(world.sweeps.time[recorded], (0, fill), constant_values=np.nan)
+        regular.append((time, np.pad(world.sweeps.marked[recorded], (0, fill))))
     errors = following.errors(found, np.stack(place), np.stack(velocity))
     times, marked = (np.stack(part) for part in zip(*regular, strict=True))
     at_marks = Errors(
@@ -64,14 +66,12 @@ def run(
 
 
 def _at(values: Array, marked: Array) -> Array:
-    """Return values (ways, runs, rows) at the rows that are marks (runs, rows), of which each run
-    has as many.
-    """
+    """Return values (ways, runs, rows) at the marked rows (runs, rows) of each run."""
     return np.stack([values[:, k, own] for k, own in enumerate(marked)], axis=1)
 
 
 def _curves(asked: Study, errors: Errors, levels: Array) -> tuple[Curve, ...]:
-    """Return errors at marks, and whether areas hold the target there, by its level."""
+    """Return errors at marks, and whether areas contain the target there."""
     curves = [
         Curve("position error", "nmi", errors.position / NMI),
         Curve("course error", "deg", np.degrees(errors.course)),
@@ -86,13 +86,11 @@ def _curves(asked: Study, errors: Errors, levels: Array) -> tuple[Curve, ...]:
 def _figures(
     asked: Study, errors: Errors, times: Array, curves: tuple[Curve, ...], moments: Array
 ) -> tuple[Figure, ...]:
-    """Return means over the window, the share of it that a track is held, and the time to criteria,
-    by errors at all times.
-    """
+    """Return means over the window, the share of it with a track, and the time to criteria."""
     inside = (moments >= asked.window[0]) & (moments <= asked.window[1])
     figures = [of_times(curve.name, curve.unit, curve.values[..., inside]) for curve in curves]
-    held = np.isfinite(curves[0].values[..., inside])
-    figures.insert(3, Figure(study.HELD, "%", 100 * held.mean(axis=-1)))
+    finite = np.isfinite(curves[0].values[..., inside])
+    figures.insert(3, Figure(study.HELD, "%", 100 * finite.mean(axis=-1)))
     if asked.criteria is not None:
         near = (errors.position < asked.criteria.position) & (errors.course < asked.criteria.course)
         near &= errors.speed < asked.criteria.speed

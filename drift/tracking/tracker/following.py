@@ -1,4 +1,4 @@
-"""Clouds of many runs and ways of following, side by side, taken through their sweeps."""
+"""Particle clouds of many runs and ways of following, updated together by their sweeps."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -20,12 +20,12 @@ from kernels.step.coast import DeviceCoast
 from kernels.tracking import clouds, follower
 from kernels.tracking.follower import Own
 
-TOGETHER = 2**21  # particles that are held at once: 290 MB
+TOGETHER = 2**21  # particles processed at once: 290 MB
 
 
 @dataclass(frozen=True)
 class World:
-    """One run: the tracker's way and what its sensors told."""
+    """One run: the tracker's path and the results of its sensors' sweeps."""
 
     tracker: Path
     sweeps: Sweeps
@@ -33,9 +33,9 @@ class World:
 
 @dataclass(frozen=True)
 class Estimates:
-    """What clouds say of the target at what is recorded, each (ways of following, runs, rows);
+    """Estimates of the target at recorded rows, each (ways of following, runs, rows).
 
-    NaN: no track is held.
+    NaN while no track is held.
     """
 
     place: Array  # unit vectors (..., 3)
@@ -43,7 +43,7 @@ class Estimates:
     speed: Array  # [m/s] mean of the particles' speeds
     velocity: Array  # [m/s] mean velocity, east and north (..., 2)
     count: Array  # particles
-    # share of the cloud that lies where it is denser than at the target; NaN: not asked for
+    # share of the cloud at higher density than at the target; NaN: not requested
     level: Array
 
 
@@ -66,11 +66,19 @@ def follow(
     tell: Callable[[float], None] = lambda share: None,
     shore: DeviceCoast | None = None,
 ) -> Estimates:
-    """Follow the target of every world in every way; size: particles of a cloud.
+    """Follow the target of every world in every way of following.
 
-    Worlds may be one object: its sweeps are then kept once. Clouds of one world share their random
-    numbers, whatever the way of following. areas: whether levels are asked for. tell: takes the
-    share that is done. shore: on whose land no particle is, None: anywhere.
+    Clouds of one world share their random numbers, whatever the way of following. If worlds are the
+    same object, its sweeps are stored once.
+
+    Args:
+        worlds: one for each run.
+        trackers: ways of following.
+        size: particles of a cloud.
+        seed: of the random numbers.
+        areas: whether to compute `Estimates.level`.
+        tell: callback that receives the progress, 0 to 1.
+        shore: coast that particles avoid; None: no coast.
     """
     if size < 1:
         raise ValueError(f"a cloud needs a particle or more, not {size}")
@@ -95,8 +103,9 @@ def follow(
 
 
 class Clouds:
-    """The clouds of some worlds, in every way of following, on the device; all at the same sweep of
-    their worlds.
+    """The clouds of some worlds, in every way of following, on the device.
+
+    All are at the same sweep of their worlds.
     """
 
     def __init__(
@@ -109,9 +118,7 @@ class Clouds:
         areas: bool = False,
         shore: DeviceCoast | None = None,
     ) -> None:
-        """Have no track of anything yet; run: number of the first world, the key of its random
-        numbers.
-        """
+        """Start without tracks; run: index of the first world, key of its random numbers."""
         self.areas, self._shore = areas, shore
         distinct = {id(world): world for world in worlds}
         places = {key: k for k, key in enumerate(distinct)}
@@ -126,7 +133,7 @@ class Clouds:
             np.tile(ends[which], len(trackers)),
             np.tile(ends[which + 1], len(trackers)),
         )
-        whole = {
+        integers = {
             "run": np.tile(run + np.arange(n), len(trackers)),
             "rules": np.repeat(np.arange(len(trackers)), n),
             "first": self._begin,
@@ -137,30 +144,34 @@ class Clouds:
             "count": np.zeros(many),
             "drawn": np.zeros(many),
         }
-        real = {
+        floats = {
             "estimate": np.full((many, 5), -1.0),
             "lost": np.full(many, np.nan),
             "left": np.tile([-1.0, 0.0, -follower.NEVER], (many, 1)),
         }
         self._tracks = {
-            "track_real": tables.upload(_table(clouds.Track, clouds.Track.REAL, real, np.float64)),
-            "track_whole": tables.upload(_table(clouds.Track, clouds.Track.WHOLE, whole, np.int32)),
+            "track_real": tables.upload(
+                _table(clouds.Track, clouds.Track.REAL, floats, np.float64)
+            ),
+            "track_whole": tables.upload(
+                _table(clouds.Track, clouds.Track.WHOLE, integers, np.int32)
+            ),
         }
         self._cloud = {
             "own_real": tables.empty(many * size, Own.REAL, np.float64),
             "own_whole": tables.empty(many * size, Own.WHOLE, np.int32),
         }
         swept = vars(self._sweeps)
-        told = {name: swept[name] for name in ("outcome", "row")}
-        seen = {name: column for name, column in swept.items() if name not in told}
+        outcomes = {name: swept[name] for name in ("outcome", "row")}
+        measurements = {name: column for name, column in swept.items() if name not in outcomes}
         self._fixed = (
             {"rule_real": tables.upload(rules(trackers))},
             {
                 "sweep_real": tables.upload(
-                    _table(clouds.Sweep, clouds.Sweep.REAL, seen, np.float64)
+                    _table(clouds.Sweep, clouds.Sweep.REAL, measurements, np.float64)
                 ),
                 "sweep_whole": tables.upload(
-                    _table(clouds.Sweep, clouds.Sweep.WHOLE, told, np.int32)
+                    _table(clouds.Sweep, clouds.Sweep.WHOLE, outcomes, np.int32)
                 ),
             },
             {"leg_real": tables.upload(legs([world.tracker for world in distinct.values()]))},
@@ -168,7 +179,7 @@ class Clouds:
         self._found = runtime.upload(np.full(max(many * self.rows, 1) * len(clouds.FIELDS), np.nan))
 
     def go(self, until: float = math.inf) -> "Clouds":
-        """Take all through their sweeps until a time [s], those at it too."""
+        """Update all clouds by their sweeps up to and including a time [s]."""
         tracks = self._tracks["track_whole"].to_numpy()
         first = tracks[:, clouds.Track.LAST].copy()
         time = self._sweeps.time
@@ -191,10 +202,13 @@ class Clouds:
         return self
 
     def hold(self, place: Array, velocity: Array, since: Array) -> None:
-        """Have one particle in every cloud of the one way of following, that acts first when it is
-        at a place.
+        """Set one particle in every cloud of a single way of following.
 
-        place, velocity [1/s]: (worlds, 3), since: when it is there [s] (worlds,).
+        Args:
+            place: unit vectors, shape (worlds, 3).
+            velocity: [1/s], shape (worlds, 3).
+            since: when the particle is at this position and acts for the first time [s], shape
+                (worlds,).
         """
         assert self.shape[0] == self.size == 1
         rate = np.linalg.norm(velocity, axis=1)
@@ -210,20 +224,19 @@ class Clouds:
 
     @property
     def fields(self) -> Array:
-        """What is recorded so far, (ways of following, worlds, rows,
-        kernels.tracking.clouds.FIELDS).
-        """
+        """Recorded values by way of following, world, row and kernels.tracking.clouds.FIELDS."""
         values = self._found.to_numpy()[: math.prod(self.shape) * self.rows * len(clouds.FIELDS)]
         return np.asarray(values).reshape(*self.shape, self.rows, len(clouds.FIELDS))
 
     def particles(self, way: int, world: int, time: float) -> Particles:
-        """Return the particles of a cloud at a time [s] that is not before its last sweep and
-        before any acts.
+        """Return the particles of a cloud at a time [s].
+
+        The time must not be before its last sweep, nor after the next act of any particle.
         """
         return self.clouds(time)[way * self.shape[1] + world]
 
     def clouds(self, time: float) -> list[Particles]:
-        """Return the same of all clouds, worlds side by side in each way of following."""
+        """Return the particles of all clouds: worlds in order, for each way of following."""
         real, mode = (
             self._cloud["own_real"].to_numpy(),
             self._cloud["own_whole"].to_numpy()[:, Own.MODE],
@@ -234,6 +247,7 @@ class Clouds:
 
     @staticmethod
     def _particles(real: Array, mode: Array, time: float) -> Particles:
+        """Return particles from the device's columns, moved to a time [s]."""
         place, onward = (real[:, first : first + 3] for first in (Own.PLACE, Own.WAY))
         rate = real[:, Own.RATE, None]
         angle = rate * (time - real[:, Own.SINCE, None])
@@ -245,9 +259,7 @@ class Clouds:
 
 
 def _table(kind: Any, width: int, values: Mapping[str, Array], dtype: type) -> Array:
-    """Return a table of `width` columns; kind: says in which of them what is called by a name
-    begins.
-    """
+    """Return a table of `width` columns; attributes of `kind` give the column of each name."""
     many = len(next(iter(values.values())))
     table: Array = np.zeros((many, width), dtype)
     for name, column in values.items():
@@ -258,7 +270,7 @@ def _table(kind: Any, width: int, values: Mapping[str, Array], dtype: type) -> A
 
 
 def rules(trackers: Sequence[Tracker]) -> Array:
-    """Return the table of ways of following, as kernels.tracking.follower.Rule has it."""
+    """Return the table of ways of following for kernels.tracking.follower.Rule."""
     table = []
     for tracker in trackers:
         law, filling = tracker.behaviour, tracker.filling
@@ -282,7 +294,7 @@ def rules(trackers: Sequence[Tracker]) -> Array:
 
 
 def legs(trackers: Sequence[Path]) -> Array:
-    """Return the table of the trackers' ways, one after the other."""
+    """Return the table of the trackers' paths, one after the other."""
     values = {
         "time": np.concatenate([way.time for way in trackers]),
         "place": np.concatenate([way.place for way in trackers]),
@@ -303,11 +315,18 @@ def wanders(
     seed: int,
     shore: DeviceCoast | None = None,
 ) -> list[Path]:
-    """Return the ways of a target that acts, one a run; begin: the way that it keeps to until its
-    first act.
+    """Return the paths of a target that acts, one for each run.
 
-    moments: times [s], ascending, between which it is taken to go straight. It is moved as a
-    particle is, by numbers of its own.
+    The target moves as a particle does, with its own random numbers.
+
+    Args:
+        begin: path until its first act.
+        law: its behaviour.
+        tracker: path of the tracker, to which it reacts.
+        moments: times [s], ascending, between which its path is straight.
+        runs: number of paths.
+        seed: of the random numbers.
+        shore: coast that it avoids; None: no coast.
     """
     if law.acts is None:
         return [begin] * runs
@@ -333,7 +352,7 @@ def wanders(
 
 @dataclass(frozen=True)
 class Errors:
-    """How far estimates are from the target, each (ways of following, runs, rows)."""
+    """Errors of estimates, each (ways of following, runs, rows)."""
 
     position: Array  # [m]
     course: Array  # [rad], 0 to pi
@@ -341,8 +360,12 @@ class Errors:
 
 
 def errors(found: Estimates, place: Array, velocity: Array) -> Errors:
-    """Return how far estimates are from a target at places (runs, rows, 3) with velocities [1/s]
-    there.
+    """Return the errors of estimates.
+
+    Args:
+        found: the estimates.
+        place: of the target, unit vectors, shape (runs, rows, 3).
+        velocity: of the target [1/s], shape (runs, rows, 3).
     """
     turned = np.angle(np.exp(1j * (found.course - path.course(place, velocity))))
     speed = np.linalg.norm(velocity, axis=-1) * sphere.RADIUS

@@ -1,4 +1,4 @@
-"""One track by detections: the estimate and its areas at every time, and the cloud at some."""
+"""One track by detections: estimate and areas at every time, and the cloud at some times."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,16 +20,17 @@ from geo import sphere
 from geo.array import Array
 from kernels.step.coast import DeviceCoast
 
-SOON = 1e-6  # [s] so that a sweep as a pursuit begins counts
-SAME = 1.0  # [m] within which a pursuit begins where the tracker is
-SHARES = (0.5, 0.9)  # of the probability, of the areas told
-OTHERS = 9  # clouds beside the one that is told, of other random numbers
+SOON = 1e-6  # [s] margin, so that a sweep at the begin of a pursuit counts
+SAME = 1.0  # [m] largest distance of a pursuit's begin from the tracker that pursues
+SHARES = (0.5, 0.9)  # of the probability, for the reported areas
+OTHERS = 9  # further clouds with other random numbers, for comparison
 
 
 @dataclass(frozen=True)
 class Loss:
-    """When a track was lost, and to whose sweeps that found nothing; to none's where a detection
-    was all on land.
+    """Loss of a track.
+
+    sensors: those whose silence caused it; () if a detection's box was entirely on land.
     """
 
     time: float  # [s]
@@ -38,24 +39,21 @@ class Loss:
 
 @dataclass(frozen=True)
 class Shown:
-    """The cloud at a time that is shown, and what OTHERS of other random numbers make of the same
-    detections.
-    """
+    """The cloud at an output time, and a comparison with OTHERS of other random numbers."""
 
     time: float  # [s]
     cloud: Particles | None  # None: no track is held
     # [m2] least and largest area of all clouds, by share
     sizes: Mapping[float, tuple[float, float]]
-    within: Mapping[
-        float, float
-    ]  # share of the others that each area holds; of a cloud like them as much as of its own
-    holding: int  # of the others that hold a track
+    within: Mapping[float, float]  # mean share of the other clouds that each area contains
+    holding: int  # number of other clouds that hold a track
 
 
 @dataclass(frozen=True)
 class Held:
-    """A track; columns (n,), at the times of detections, of figures and those shown, NaN while none
-    is held.
+    """A track; columns (n,) at the times of detections, figures and outputs.
+
+    Values are NaN while no track is held.
     """
 
     study: Study
@@ -65,14 +63,13 @@ class Held:
     place: Array  # unit vectors (n, 3)
     course: Array  # [rad] of the mean velocity
     speed: Array  # [m/s] mean of the particles' speeds
-    off: Array  # [rad] root mean square of what the particles' courses differ from that
-    slower: Array  # [m/s] standard deviation of their speeds
+    off: Array  # [rad] root mean square deviation of the particles' courses from `course`
+    slower: Array  # [m/s] standard deviation of the particles' speeds
     count: Array  # particles
-    # share of the cloud that the plots of the last time left, before it was filled; NaN: none was
-    # held
+    # share of the cloud left by the last plots, before it was refilled; NaN: no cloud was held
     left: Array
-    drawn: Array  # whether it was drawn again from them, as too little was left of what was held
-    # that hold each of SHARES; none while no track is held
+    drawn: Array  # whether the cloud was repopulated from these plots because too little was left
+    # area that contains each of SHARES; {} while no track is held
     areas: tuple[Mapping[float, Region], ...]
     shown: tuple[Shown, ...]
     lost: tuple[Loss, ...]
@@ -83,7 +80,7 @@ class Held:
 
     @property
     def anew(self) -> Array:
-        """Whether plots had a cloud drawn again that knew of a course by two plots or more (n,)."""
+        """Whether plots repopulated a cloud that had a course from two plots or more, (n,)."""
         rows = np.flatnonzero(self.detected)
         found = np.zeros(len(self.time), bool)
         found[rows[1:]] = (
@@ -95,9 +92,9 @@ class Held:
 
     @cached_property
     def within(self) -> Array:
-        """Return the share of the smallest area that the estimate lies in (n,);
+        """Share of the smallest area that contains the estimate, (n,).
 
-        NaN: in none, as the mean of a ring does.
+        NaN if none does, as for the mean of a ring.
         """
         found = np.full(len(self.time), np.nan)
         for k, regions in enumerate(self.areas):
@@ -113,33 +110,36 @@ class Held:
 def hold(
     asked: Study, shore: Shoreline | None = None, tell: Callable[[float], None] = lambda share: None
 ) -> Held:
-    """Return the track by a case's detections, in its first way of following.
+    """Return the track by a case's detections, with its first way of following.
 
-    shore: on whose land no particle is, None: anywhere; tell: takes the share that is done.
+    Args:
+        asked: the tracking case.
+        shore: coast that particles avoid; None: no coast.
+        tell: callback that receives the progress, 0 to 1.
     """
     found = asked.target
     assert isinstance(found, Detections)
     shown = asked.shown or _usual(asked, found)
     moments = np.unique(np.concatenate([[0.0], study.marks(asked), [asked.end], shown, found.time]))
     until = _silent_until(asked)
-    told = detections.ordered(asked.sensors, found, asked.tracker, moments, until)
-    worlds = [World(asked.tracker, told)] * (1 + OTHERS)
+    sweeps = detections.ordered(asked.sensors, found, asked.tracker, moments, until)
+    worlds = [World(asked.tracker, sweeps)] * (1 + OTHERS)
     coast, dry = (None, None) if shore is None else (shore.device, shore.dry)
-    held = Clouds(worlds, asked.methods[:1], asked.size, asked.seed, shore=coast)
+    filters = Clouds(worlds, asked.methods[:1], asked.size, asked.seed, shore=coast)
     areas, clouds, spreads = [], [], []
     for number, time in enumerate(moments, 1):
-        own, *others = held.go(time).clouds(time)
+        own, *others = filters.go(time).clouds(time)
         areas.append(_areas(own, dry))
         spreads.append(_spread(own))
         if time in shown:
             clouds.append(_shown(float(time), own, areas[-1], others, dry))
         tell(number / len(moments))
-    fields = held.go().fields[0, 0]
+    fields = filters.go().fields[0, 0]
     off, slower = np.array(spreads).T
     left = np.where(fields[:, 10] < 0, np.nan, fields[:, 10])
     return Held(
         asked,
-        told,
+        sweeps,
         moments,
         np.isin(moments, found.time),
         fields[:, :3],
@@ -157,16 +157,14 @@ def hold(
 
 
 def _areas(cloud: Particles, dry: Callable[[Array, Array], Array] | None) -> Mapping[float, Region]:
-    """Return the areas that hold each of SHARES; none of a cloud without particles."""
+    """Return the areas that contain each of SHARES; {} for a cloud without particles."""
     if not len(cloud.weight):
         return {}
     return density.areas(density.surface(cloud.place, cloud.weight, dry), SHARES)
 
 
 def _spread(cloud: Particles) -> tuple[float, float]:
-    """Return the root mean square of what courses differ from that of the mean velocity [rad], and
-    the standard deviation of speeds [m/s].
-    """
+    """Return the root mean square deviation of courses [rad], and that of speeds [m/s]."""
     w = cloud.weight
     if not len(w):
         return np.nan, np.nan
@@ -183,7 +181,7 @@ def _shown(
     others: Sequence[Particles],
     dry: Callable[[Array, Array], Array] | None,
 ) -> Shown:
-    """Return a cloud and its areas beside those of others."""
+    """Return a cloud and its areas, compared with other clouds."""
     others = [cloud for cloud in others if len(cloud.weight)]
     each = [regions for regions in (areas, *(_areas(cloud, dry) for cloud in others)) if regions]
     sizes = {share: [regions[share].area for regions in each] for share in SHARES} if each else {}
@@ -202,21 +200,22 @@ def _shown(
 
 
 def _losses(asked: Study, found: Detections, time: Array, until: float) -> tuple[Loss, ...]:
-    """Return when a track was lost; time: when it was lost last, at each row [s]; until: when
-    silence counts [s].
+    """Return the losses of a track.
+
+    time: last loss at each row [s]; until: end of the sweeps whose silence counts [s].
     """
     silent = detections.silences(asked.sensors, found, asked.tracker, until)
-    told = []
+    losses = []
     for lost in np.unique(time[np.isfinite(time)]):
-        who = tuple(
+        silent_sensors = tuple(
             sensor for sensor, times in zip(asked.sensors, silent, strict=True) if lost in times
         )
-        told.append(Loss(float(lost), who))
-    return tuple(told)
+        losses.append(Loss(float(lost), silent_sensors))
+    return tuple(losses)
 
 
 def pursues(asked: Study) -> bool:
-    """Return whether the tracker itself goes the path that is asked for, and no other vessel."""
+    """Return True if the tracker itself follows the pursuit's path, not another vessel."""
     chase = asked.pursuit
     if chase is None:
         return False
@@ -225,9 +224,12 @@ def pursues(asked: Study) -> bool:
 
 
 def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecast:
-    """Return what tells where the cloud's particles go while the tracker pursues them.
+    """Return a function that forecasts the cloud's particles while the tracker pursues them.
 
-    seed: of the cloud's random numbers; shore: on whose land no particle is.
+    Args:
+        asked: the tracking case.
+        seed: of the cloud's random numbers.
+        shore: coast that particles avoid; None: no coast.
     """
     found, chase = asked.target, asked.pursuit
     assert isinstance(found, Detections)
@@ -235,6 +237,7 @@ def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecas
     joins = pursues(asked)
 
     def forecast(way: Path) -> tuple[Array, Array]:
+        """Return positions at each step and weights for a path of the tracker."""
         known = asked.tracker.time < chase.begin - 1.0
         tracker = asked.tracker
         if joins:
@@ -242,9 +245,9 @@ def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecas
                 np.append(tracker.time[known], way.time),
                 np.vstack([tracker.place[known], way.place]),
             )
-        told = detections.ordered(asked.sensors, found, tracker, chase.times, chase.begin + SOON)
-        held = Clouds([World(tracker, told)], asked.methods[:1], asked.size, seed, shore=shore)
-        clouds = [held.go(time).particles(0, 0, time) for time in chase.times]
+        sweeps = detections.ordered(asked.sensors, found, tracker, chase.times, chase.begin + SOON)
+        filters = Clouds([World(tracker, sweeps)], asked.methods[:1], asked.size, seed, shore=shore)
+        clouds = [filters.go(time).particles(0, 0, time) for time in chase.times]
         return np.stack([cloud.place for cloud in clouds]), clouds[0].weight
 
     return forecast
@@ -253,7 +256,7 @@ def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecas
 def _silent_until(asked: Study) -> float:
     """Return until when silence counts [s].
 
-    The looks of a pursuit are its own, where no log says where the tracker was meanwhile.
+    After the begin of a pursuit its own looks count, unless a log gives the tracker's position.
     """
     return (
         asked.end
@@ -263,6 +266,6 @@ def _silent_until(asked: Study) -> float:
 
 
 def _usual(asked: Study, found: Detections) -> tuple[float, ...]:
-    """Return the last detection, the end, and the middle between."""
+    """Return the default output times: last detection, end, and the middle between."""
     last = float(found.time[-1])
     return tuple(dict.fromkeys((last, (last + asked.end) / 2, asked.end)))

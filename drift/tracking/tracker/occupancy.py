@@ -1,8 +1,8 @@
-"""Occupancy maps: the probability of a target by cells, which spreads while nobody sees it.
+"""Occupancy maps: the probability of a target by cells, which spreads while it is not seen.
 
 Isla 2006, Probabilistic target tracking and search using occupancy maps; equations 0.9 to 0.13 of
-Borovies 2007. Cells are as large as each other and have four neighbours. It is exact for a target
-that walks from cell to cell at random, and needs no particles; it knows neither course nor speed.
+Borovies 2007. Cells are of equal size and have four neighbours. The method is exact for a random
+walk from cell to cell and needs no particles; it represents neither course nor speed.
 """
 
 import numpy as np
@@ -21,23 +21,33 @@ def seen(shape: tuple[int, int], cell: tuple[int, int]) -> Array:
 
 
 def unseen(probability: Array, visible: Array) -> tuple[Array, float]:
-    """Return the map after a look that found nothing in cells (bool), and the probability that was
-    there.
+    """Return the map after a look without a detection, and the probability removed by it.
 
-    Isla's measures: that is what surprises when the target is found where little is left, and what
-    confuses when it was much. Raises ValueError where the target could be nowhere else.
+    Isla uses that probability as a measure: of surprise if the target is found where little was
+    left, of confusion if much was removed.
+
+    Args:
+        probability: of the target by cell.
+        visible: cells that were looked at, bool.
+
+    Raises:
+        ValueError: no probability is left.
     """
     culled = float(probability[visible].sum())
     left = np.where(visible, 0.0, probability)
     if not left.sum() > 0:
-        raise ValueError("nothing is left: the target was seen nowhere, and could be nowhere else")
+        raise ValueError(
+            "no probability is left: the target was not seen, and every other cell has probability 0"
+        )
     return left / left.sum(), culled
 
 
 def spread(probability: Array, rate: float) -> Array:
-    """Return the map a step later; rate: share of a cell that goes over to its neighbours, 0 to 1.
+    """Return the map one step later; probability that would cross the edge stays.
 
-    What would go over the edge stays.
+    Args:
+        probability: of the target by cell.
+        rate: share of a cell that moves to its neighbours, 0 to 1.
     """
     if not 0 <= rate <= 1:
         raise ValueError(f"rate {rate:g} must be 0 to 1")

@@ -1,4 +1,4 @@
-"""Ways on the sphere, timed: great circles between vertices, at constant speed on each."""
+"""Timed paths on the sphere: great circles between vertices, at constant speed on each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from geo import sphere
 from geo.array import Array
 
-# [m] parts of a rhumb line that are laid as great circles: 0.5 m off at 60 degrees of latitude
+# [m] parts of a rhumb line laid as great circles: the error is 0.5 m at 60 degrees of latitude
 LONGEST = 5000.0
 
 
@@ -24,7 +24,7 @@ class Leg(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Unit vectors at places, each (n, 3)."""
+    """East and north at positions: unit vectors, each (n, 3)."""
 
     east: Array
     north: Array
@@ -32,21 +32,19 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True)
 class Path:
-    """Where something is at any time from its first vertex to its last; before and after it stays
-    there.
-    """
+    """Position at any time; constant before the first vertex and after the last."""
 
     time: Array  # [s] (n + 1,), ascending
     place: Array  # unit vectors (n + 1, 3)
 
     @cached_property
     def rate(self) -> Array:
-        """Angular speed on each part [rad/s] (n,)."""
+        """Angular speed on each part [rad/s], shape (n,)."""
         return arc(self.place[1:], self.place[:-1]) / np.diff(self.time)
 
     @cached_property
     def way(self) -> Array:
-        """Unit tangent at the begin of each part (n, 3); north where it stays."""
+        """Unit tangent at the begin of each part, (n, 3); north if it does not move."""
         across = self.place[1:] - self.place[:-1] * np.sum(
             self.place[1:] * self.place[:-1], axis=1, keepdims=True
         )
@@ -56,8 +54,13 @@ class Path:
         )
 
     def at(self, time: npt.ArrayLike) -> tuple[Array, Array]:
-        """Return (places, velocities [1/s]) at times [s], unit vectors and their derivatives, each
-        (m, 3).
+        """Return positions and velocities at times.
+
+        Args:
+            time: [s], shape (m,).
+
+        Returns:
+            Unit vectors and their derivatives [1/s], each of shape (m, 3).
         """
         time = np.asarray(time, np.float64)
         part = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.rate) - 1)
@@ -72,7 +75,7 @@ class Path:
 
 
 def vector(lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
-    """Return unit vectors (n, 3) of places [rad]."""
+    """Return unit vectors (n, 3) of positions [rad]."""
     return np.stack(sphere.vector(lon, lat), axis=-1)
 
 
@@ -97,7 +100,12 @@ def frame(place: Array) -> Frame:
 
 
 def course(place: Array, velocity: Array) -> Array:
-    """Return the direction [rad] of velocities at places, each (..., 3)."""
+    """Return the course [rad] of velocities.
+
+    Args:
+        place: unit vectors, shape (..., 3).
+        velocity: their derivatives, shape (..., 3).
+    """
     there = frame(place)
     return np.asarray(
         np.arctan2(np.sum(velocity * there.east, axis=-1), np.sum(velocity * there.north, axis=-1))
@@ -105,24 +113,37 @@ def course(place: Array, velocity: Array) -> Array:
 
 
 def through(time: npt.ArrayLike, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Path:
-    """Return the way through places [rad] at times [s], ascending, of which there are two or more."""
+    """Return the path through positions.
+
+    Args:
+        time: [s], ascending, two or more, shape (n,).
+        lon: [rad], shape (n,).
+        lat: [rad], shape (n,).
+    """
     return Path(np.asarray(time, np.float64), vector(np.asarray(lon), np.asarray(lat)))
 
 
 def standing(lon: float, lat: float, begin: float, end: float) -> Path:
-    """Return what stays at a place [rad]."""
+    """Return the path of an object that stays at a position [rad]."""
     return through([begin, end], [lon, lon], [lat, lat])
 
 
 def of_legs(lon: float, lat: float, legs: Sequence[Leg], begin: float = 0.0) -> Path:
-    """Return a way from a place [rad] along rhumb lines, one after the other."""
+    """Return the path from a position along rhumb lines, one after the other.
+
+    Args:
+        lon: of the start [rad].
+        lat: of the start [rad].
+        legs: the rhumb lines.
+        begin: time at the start [s].
+    """
     times, lons, lats = [begin], [lon], [lat]
     for leg in legs:
         many = max(int(np.ceil(leg.speed * leg.lasting / LONGEST)), 1)
         done = np.arange(1, many + 1) / many
         far = leg.speed * leg.lasting * done / sphere.RADIUS
         to = lats[-1] + far * np.cos(leg.course)
-        # Longitude by the difference of isometric latitudes; on a parallel by its limit.
+        # Longitude from the difference of isometric latitudes; on a parallel, its limit.
         rise = np.arctanh(np.sin(to)) - np.arctanh(np.sin(lats[-1]))
         level = np.abs(to - lats[-1]) < 1e-9
         slope = np.where(level, np.cos(lats[-1]), (to - lats[-1]) / np.where(level, 1.0, rise))

@@ -1,11 +1,11 @@
-"""A path that meets a cloud, or keeps out of its way, planned again as the cloud moves and shrinks.
+"""A path that meets a cloud or avoids it, replanned as the cloud moves and shrinks.
 
-At the end of each step the vessel looks round: particles within its reach are met, and where it
-sees nothing they are ruled out. Paths are by A* on the cloud binned by cells
-(drift.tracking.tracker.astar). What a path meets is added step by step, so that what stays in reach
-is counted again: a plan is made again with what is left when the likelihood of having seen nothing
-since the last plan falls below a threshold (Klaas, Southey and Cheeseman 2005, Particle-based
-communication among game agents).
+At the end of each step the vessel looks: particles within its reach are met, and if it sees nothing
+they are ruled out. Paths are found by A* on the cloud binned by cells
+(drift.tracking.tracker.astar). The cost adds what a path meets step by step, so particles that stay
+in reach count repeatedly. The path is therefore replanned with the remaining particles when the
+likelihood of having seen nothing since the last plan falls below a threshold (Klaas, Southey and
+Cheeseman 2005, Particle-based communication among game agents).
 """
 
 from collections.abc import Callable
@@ -21,11 +21,11 @@ from geo import notation, sphere
 from geo.array import Array
 from geo.notation import KNOT, NMI
 
-# cells that the vessel makes in a step: over several it goes any way at 88 % of its speed or more
+# cells that the vessel covers in a step: over several steps any course is possible at >= 88 % speed
 STRIDE = 4
-MOST = 5_000_000  # cells and steps together
+MOST = 5_000_000  # most cells times steps
 
-# a tracker's path -> places at each step (K + 1, n, 3), weights (n,)
+# a tracker's path -> positions at each step (K + 1, n, 3), weights (n,)
 Forecast = Callable[[Path], tuple[Array, Array]]
 
 
@@ -33,19 +33,21 @@ class Barrier(Protocol):
     """Where a vessel cannot be."""
 
     def in_squares(self, lon: Array, lat: Array, half: float) -> Array:
-        """Return whether any of it is in squares, by their middles [deg] and half their side [m];
-        in their shape.
+        """Return whether squares touch the barrier, in their shape.
+
+        Args:
+            lon: of their centres [deg].
+            lat: of their centres [deg].
+            half: half their side [m].
         """
 
     def on_legs(self, begin: Array, ends: Array) -> Array:
-        """Return whether any of it is on great circles from a unit vector (3,) to others (m, 3);
-        (m,).
-        """
+        """Return whether great circles from a vector (3,) to others (m, 3) touch it, (m,)."""
 
 
 @dataclass(frozen=True)
 class Pursuit:
-    """What is asked for."""
+    """A requested pursuit."""
 
     aim: Literal["meet", "avoid"]
     start: tuple[float, float]  # (lon, lat) [rad]
@@ -54,41 +56,39 @@ class Pursuit:
     begin: float  # [s]
     interval: float  # [s] of a step
     steps: int
-    to: tuple[float, float] | None = None  # where it goes that avoids [rad]
-    # [s] of detour that one would take for a meeting less, by -log(1 - share met)
+    to: tuple[float, float] | None = None  # destination of a path that avoids [rad]
+    # [s] of detour that is acceptable to avoid one meeting, by -log(1 - share met)
     worth: float = 3600.0
-    threshold: float = 0.8  # likelihood of having seen nothing below which the plan is made again
+    threshold: float = 0.8  # likelihood of having seen nothing below which the path is replanned
 
     @property
     def times(self) -> Array:
-        """Times of the looks [s], from the begin on (steps + 1,)."""
+        """Times of the looks [s], from the begin on, shape (steps + 1,)."""
         return self.begin + self.interval * np.arange(self.steps + 1)
 
 
 @dataclass(frozen=True)
 class Pursued:
-    """A path and what came of it."""
+    """A path and its result."""
 
     path: Path
     met: Array  # share of the cloud met by each of its looks, each particle counted once
-    plans: tuple[int, ...]  # steps at which a plan was made
-    # share that is, at any look until the end, where the vessel could be within reach of it if
-    # there were no land
+    plans: tuple[int, ...]  # steps at which the path was planned
+    # share of the cloud that the vessel could have within its reach at some look, without land
     near: float
 
 
 class Trigger:
-    """Klaas' trigger: the likelihood of what was observed since the last time, and whether it fell
-    below a threshold.
-    """
+    """Klaas' trigger: likelihood of the observations since the last plan, and its threshold."""
 
     def __init__(self, threshold: float) -> None:
-        """Have observed nothing yet."""
+        """Start without observations."""
         self.threshold, self.likelihood = threshold, 1.0
 
     def observed(self, weight: float) -> bool:
-        """Return whether it is time, by the sum of weights, 1 before, that an observation left;
-        then begin again.
+        """Return True if it is time to replan, and reset the likelihood then.
+
+        weight: sum of weights that an observation left, of 1 before.
         """
         self.likelihood *= weight
         if self.likelihood >= self.threshold:
@@ -108,13 +108,13 @@ class Grid:
 
     @property
     def place(self) -> Array:
-        """Unit vectors of the cells' centres (side, side, 3)."""
+        """Unit vectors of the cells' centres, shape (side, side, 3)."""
         at = self.size * np.arange(-self.half, self.half + 1)
         east, north = np.meshgrid(at, at)
         return path.vector(*sphere.destination(self.lon, self.lat, east, north))
 
     def cell(self, lon: float, lat: float) -> astar.Cell | None:
-        """Return the cell of a place [rad], if it has one."""
+        """Return the cell of a position [rad]; None if it is outside."""
         east, north = sphere.offset(self.lon, self.lat, lon, lat)
         row, column = (int(np.rint(float(v) / self.size)) + self.half for v in (north, east))
         inside = 0 <= row <= 2 * self.half and 0 <= column <= 2 * self.half
@@ -122,13 +122,18 @@ class Grid:
 
 
 def grid(asked: Pursuit) -> Grid:
-    """Return the cells that can be reached."""
+    """Return the cells that the vessel can reach."""
     return Grid(*asked.start, asked.speed * asked.interval / STRIDE, STRIDE * asked.steps)
 
 
 def mass(cells: Array, place: Array, weight: Array, reach: float) -> Array:
-    """Return the weight of the particles within reach [m] of cells at unit vectors (rows, columns,
-    3).
+    """Return the weight of the particles within reach of each cell, shape (rows, columns).
+
+    Args:
+        cells: unit vectors, shape (rows, columns, 3).
+        place: unit vectors of the particles, shape (n, 3).
+        weight: of the particles, shape (n,).
+        reach: [m].
     """
     chord = 2 * np.sin(reach / sphere.RADIUS / 2)
     near = cKDTree(cells.reshape(-1, 3)).sparse_distance_matrix(
@@ -142,23 +147,26 @@ def mass(cells: Array, place: Array, weight: Array, reach: float) -> Array:
 
 @dataclass(frozen=True)
 class Chart:
-    """Cells that a vessel moves over, and how."""
+    """Cells over which a vessel moves, and the moves allowed."""
 
-    # unit vectors of where it is in each cell (rows, columns, 3): the middle, and the destination
-    # itself
+    # unit vectors of its position in each cell (rows, columns, 3): the centre, or the destination
     place: Array
     closed: Array  # cells (rows, columns) that it does not cross
-    # by which moves it leaves and enters those of the begin and of the destination
+    # moves that leave and enter the cells of begin and destination
     gates: dict[astar.Cell, Array]
     here: astar.Cell
     goal: astar.Cell | None
 
 
 def charted(asked: Pursuit, barrier: Barrier | None) -> Chart:
-    """Return the cells of a pursuit: those with any of the barrier are closed.
+    """Return the cells of a pursuit; those that touch the barrier are closed.
 
-    Harbours are near land: the cells of begin and destination are left and entered by such moves as
-    do not meet it, whatever else is in them, and that make no more than the speed.
+    Harbours are near land. From the cells of begin and destination, moves are allowed that do not
+    touch the barrier and do not exceed the speed, even if these cells are closed.
+
+    Args:
+        asked: the pursuit.
+        barrier: where the vessel cannot be; None: nowhere.
     """
     cells = grid(asked)
     place, here, size = cells.place, (cells.half, cells.half), cells.size / 2
@@ -182,7 +190,7 @@ def charted(asked: Pursuit, barrier: Barrier | None) -> Chart:
             free &= ~barrier.on_legs(place[cell], ends)
         gates[cell] = np.zeros(len(moves), bool)
         gates[cell][inside] = free
-        if gates[cell].sum() <= 1:  # to stay
+        if gates[cell].sum() <= 1:  # it can only stay
             raise ValueError(_no_way(asked))
     if barrier is not None and asked.to is not None and goal == here:
         ends = path.vector(*asked.to)[None]
@@ -192,6 +200,7 @@ def charted(asked: Pursuit, barrier: Barrier | None) -> Chart:
 
 
 def _no_way(asked: Pursuit) -> str:
+    """Return the message that there is no path."""
     return (
         f"there is no way on cells of {grid(asked).size / NMI:.2g} nmi, a quarter of a step (a shorter one has finer cells): "
         "land lies between, or it is too far for the time"
@@ -201,10 +210,16 @@ def _no_way(asked: Pursuit) -> str:
 def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -> Pursued:
     """Return a path and the share of the cloud that it meets.
 
-    forecast: where the same particles, in the same order, would be at `asked.times` if the tracker
-    went a path: it is asked again with each plan, for particles may seek or flee. barrier: where
-    the vessel cannot be. Raises ValueError with one line for what cannot be done (`check`), where
-    no particle is left, and where there is no way to the destination.
+    Args:
+        asked: the pursuit.
+        forecast: returns the positions of the same particles, in the same order, at `asked.times`
+            if the tracker follows a path. It is called with each plan, because particles may seek
+            or flee.
+        barrier: where the vessel cannot be; None: nowhere.
+
+    Raises:
+        ValueError: one line: the request is invalid (`check`), no particle is left, or there is no
+            path to the destination.
     """
     check(asked)
     chart = charted(asked, barrier)
@@ -212,8 +227,8 @@ def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -
     places, weight = forecast(path.standing(*asked.start, asked.begin, asked.times[-1]))
     if not weight.sum() > 0:
         raise ValueError("no track is held when it begins")
-    whole = weight / weight.sum()
-    left, trigger = whole, Trigger(asked.threshold)
+    initial = weight / weight.sum()
+    left, trigger = initial, Trigger(asked.threshold)
     plan, plans = [here], []
     met: list[float] = []
     for step in range(asked.steps + 1):
@@ -232,14 +247,17 @@ def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -
         axis=0
     )
     return Pursued(
-        _path(asked, chart, plan[: len(met)]), np.array(met), tuple(plans), float(whole[near].sum())
+        _path(asked, chart, plan[: len(met)]),
+        np.array(met),
+        tuple(plans),
+        float(initial[near].sum()),
     )
 
 
 def _plan(
     asked: Pursuit, chart: Chart, places: Array, left: Array, here: astar.Cell, step: int
 ) -> list[astar.Cell]:
-    """Return the cells after a step."""
+    """Return the cells of the best path after a step."""
     weight = left / left.sum()
     share = np.stack(
         [
@@ -258,7 +276,7 @@ def _plan(
 
 
 def _path(asked: Pursuit, chart: Chart, way: list[astar.Cell]) -> Path:
-    """Return the path through cells; to the destination it goes at the vessel's speed."""
+    """Return the path through cells; the last part to the destination is at the vessel's speed."""
     place, time = np.array([chart.place[cell] for cell in way]), asked.times[: len(way)]
     if way[-1] == chart.goal:
         if asked.to is not None and len(way) == 1:
@@ -271,8 +289,14 @@ def _path(asked: Pursuit, chart: Chart, way: list[astar.Cell]) -> Path:
 
 
 def judged(asked: Pursuit, found: Pursued, forecast: Forecast) -> Array:
-    """Return the share of another cloud that a path meets by each of its looks, one the plan has
-    not seen; NaN: it has lost the track.
+    """Return the share of another cloud that a path meets by each of its looks.
+
+    The path was not planned on that cloud. NaN if that cloud has lost the track.
+
+    Args:
+        asked: the pursuit.
+        found: the path.
+        forecast: of the other cloud, as in `pursue`.
     """
     places, weight = forecast(found.path)
     looks = found.path.place[: len(found.met)]
@@ -288,7 +312,7 @@ def judged(asked: Pursuit, found: Pursued, forecast: Forecast) -> Array:
 
 
 def check(asked: Pursuit) -> None:
-    """Raise ValueError, one line, for what cannot be asked."""
+    """Raise ValueError, one line, if a pursuit is invalid."""
     for name in ("speed", "reach", "interval", "worth"):
         if not getattr(asked, name) > 0:
             raise ValueError(f"{name} {getattr(asked, name):g} must be above 0")
@@ -297,7 +321,9 @@ def check(asked: Pursuit) -> None:
     if not 0 <= asked.threshold <= 1:
         raise ValueError(f"threshold {asked.threshold:g} must be 0 to 1")
     if (asked.aim == "avoid") != (asked.to is not None):
-        raise ValueError("a path that avoids goes to a place, to; one that meets goes to none")
+        raise ValueError(
+            "a path that avoids goes to a place: give `to`; one that meets has no destination: leave it out"
+        )
     if asked.to is not None:
         away = float(path.arc(path.vector(*asked.start), path.vector(*asked.to))) * sphere.RADIUS
         lasting = asked.interval * asked.steps

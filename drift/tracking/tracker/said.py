@@ -1,4 +1,4 @@
-"""How a tracking case was understood, in words."""
+"""Description of a tracking case as the program understood it."""
 
 import math
 
@@ -15,50 +15,52 @@ from geo.notation import KNOT, NMI
 
 
 def tracking_facts(study: Study) -> dict[str, str]:
-    """Return a line for each part of a tracking case, by its name."""
-    told = {
+    """Return a labelled line for each part of a tracking case."""
+    facts = {
         "time": f"{_moment(study, 0.0)} to {_moment(study, study.end)}, figures every {notation.format_duration(study.every)}"
     }
-    told["cloud"] = f"{study.size:,} particles, seed {study.seed}"
+    facts["cloud"] = f"{study.size:,} particles, seed {study.seed}"
     if isinstance(study.target, Scene):
-        told["target"] = _target(study.target)
+        facts["target"] = _target(study.target)
         low, high = study.window
         over = (
             ""
             if low <= 0 and high >= study.end
             else f", over {notation.format_duration(low)} to {notation.format_duration(min(high, study.end))}"
         )
-        told["runs"] = (
+        facts["runs"] = (
             f"{study.runs:,}: {', '.join(figures(study.areas, study.criteria is not None))}{over}"
         )
     else:
-        told["detections"] = _detections(study, study.target)
-    told["land"] = (
+        facts["detections"] = _detections(study, study.target)
+    facts["land"] = (
         "particles turn at the shore (GSHHG)" if study.minds_land else "particles pass over it"
     )
-    told["tracker"] = _way(study.tracker.place, study.tracker.rate)
+    facts["tracker"] = _way(study.tracker.place, study.tracker.rate)
     written = isinstance(study.target, Detections)
-    told |= {f'sensor "{sensor.name}"': _sensor(sensor, written) for sensor in study.sensors}
-    told |= {f'way of following "{method.name}"': _method(method) for method in study.methods}
+    facts |= {f'sensor "{sensor.name}"': _sensor(sensor, written) for sensor in study.sensors}
+    facts |= {f'way of following "{method.name}"': _method(method) for method in study.methods}
     if (chase := study.pursuit) is not None:
-        told["pursuit"] = (
+        facts["pursuit"] = (
             f"to {chase.aim} it, from {notation.stated_position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}{_goal(chase)}, "
             f"{chase.steps} looks every {notation.format_duration(chase.interval)}, {notation.number(chase.speed / KNOT)} kn, within {notation.number(chase.reach / NMI)} nmi"
         )
     doubted = doubts.doubts_about(study)
-    return {**told, "warning": "; ".join(doubted)} if doubted else told
+    return {**facts, "warning": "; ".join(doubted)} if doubted else facts
 
 
 def _goal(chase: Pursuit) -> str:
+    """Return the destination as text."""
     return "" if chase.to is None else f" to {notation.stated_position(*np.degrees(chase.to))}"
 
 
 def _moment(study: Study, seconds: float) -> str:
+    """Return the date-time group of seconds after the start."""
     return notation.format_dtg(np.datetime64(notation.epoch(study.start) + round(seconds), "s"))
 
 
 def _way(place: Array, rate: Array) -> str:
-    """Return where a way begins, and how fast it is."""
+    """Return the start and speed of a path as text."""
     lon, lat = path.degrees(place[0])
     speed = rate * sphere.RADIUS / KNOT
     if not len(speed) or speed.max() < 0.005:
@@ -68,6 +70,7 @@ def _way(place: Array, rate: Array) -> str:
 
 
 def _target(scene: Scene) -> str:
+    """Return an experiment's target as text."""
     words = _way(scene.way.place, scene.way.rate)
     if scene.radiates is not None:
         words += f"; its radar {_on(scene.radiates)}"
@@ -75,6 +78,7 @@ def _target(scene: Scene) -> str:
 
 
 def _detections(study: Study, found: Detections) -> str:
+    """Return the recorded detections as text."""
     counts = [int((found.sensor == k).sum()) for k in range(len(study.sensors))]
     each = ", ".join(
         f"{n} by {sensor.name}" for n, sensor in zip(counts, study.sensors, strict=True)
@@ -83,7 +87,7 @@ def _detections(study: Study, found: Detections) -> str:
 
 
 def _sensor(sensor: Sensor, written: bool) -> str:
-    """Return what a sensor is; written: whether its detections were written down."""
+    """Return a sensor as text; written: whether its detections were recorded."""
     bearing = (
         "any bearing"
         if sensor.bearing_error >= math.pi
@@ -102,6 +106,7 @@ def _sensor(sensor: Sensor, written: bool) -> str:
 
 
 def _on(plan: Plan) -> str:
+    """Return a schedule as text."""
     if plan.begin == math.inf or plan.lasting == 0:
         return "off"
     if plan.lasting == math.inf:
@@ -111,6 +116,7 @@ def _on(plan: Plan) -> str:
 
 
 def _method(method: Tracker) -> str:
+    """Return a way of following as text."""
     filling = method.filling
     return (
         f"{_behaviour(method.behaviour)}; below {notation.hundredths(filling.partial)} % duplicated, below {notation.hundredths(filling.bulk)} % repopulated by "
@@ -119,7 +125,7 @@ def _method(method: Tracker) -> str:
 
 
 def _behaviour(law: Behaviour) -> str:
-    """Return what particles do, and how often."""
+    """Return a behaviour as text."""
     most = f"up to {notation.number(law.fastest / KNOT)} kn"
     if law.acts is None:
         return f"keeps course and speed, {most}"

@@ -1,4 +1,4 @@
-"""The coast that a cloud's particles keep off: all that they may come to."""
+"""The coast that a cloud's particles avoid, as far as they can come."""
 
 from dataclasses import dataclass
 
@@ -14,28 +14,27 @@ from geo.coast import edges, shore
 from kernels.step import coast as device_coast
 from kernels.step.coast import DeviceCoast
 
-FARTHEST = 85.0  # [deg] of latitude, beyond which all longitudes are near
+FARTHEST = 85.0  # [deg] latitude beyond which the box spans all longitudes
 
 
 @dataclass(frozen=True)
 class Shoreline:
-    """A coast, here and on the device."""
+    """A coast in host memory and on the device."""
 
     coast: edges.Coast
     device: DeviceCoast
 
     def dry(self, lon: Array, lat: Array) -> Array:
-        """Return whether places [rad] are on land."""
+        """Return whether positions [rad] are on land."""
         return np.asarray(
             edges.is_land(self.coast, *(sphere.to_binary(np.degrees(x)) for x in (lon, lat)))
         )
 
 
 def of_study(asked: Study) -> Shoreline | None:
-    """Return the coast of a tracking case; None: there is none within reach, or its particles do
-    not mind it.
+    """Return the coast of a tracking case.
 
-    Taichi must have been started.
+    None if there is none within reach, or if particles ignore land. Taichi must have been started.
     """
     if not asked.minds_land:
         return None
@@ -48,7 +47,7 @@ def of_study(asked: Study) -> Shoreline | None:
 
 
 def within_reach(asked: Study) -> Box:
-    """Return a box that no particle leaves, and no target that acts."""
+    """Return a box that no particle leaves, and no acting target."""
     laws = [method.behaviour for method in asked.methods]
     places, lasting = asked.tracker.place, asked.end
     if isinstance(asked.target, Scene):

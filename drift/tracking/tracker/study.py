@@ -1,4 +1,4 @@
-"""What a tracking case asks: who is followed by whom, in which ways, and its worlds."""
+"""A tracking case: its target, tracker, sensors and ways of following, and its worlds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from kernels.step.coast import DeviceCoast
 
 @dataclass(frozen=True)
 class Criteria:
-    """How near an estimate must be for the target to count as found."""
+    """Largest errors of an estimate for the target to count as found."""
 
     position: float  # [m]
     course: float  # [rad]
@@ -26,7 +26,7 @@ class Criteria:
 
 @dataclass(frozen=True)
 class Scene:
-    """The target as it is, or begins; where it acts, each run draws its way."""
+    """The true target; if it acts, each run draws its own path."""
 
     way: Path
     radiates: Plan | None = None
@@ -38,8 +38,8 @@ class Scene:
 class Study:
     """A tracking case."""
 
-    name: str  # of its file
-    text: str  # the file, with what was changed in it
+    name: str  # of the case file
+    text: str  # of the case file, with changed values
     title: str
     start: np.datetime64
     end: float  # [s] after the start
@@ -48,22 +48,22 @@ class Study:
     seed: int
     runs: int
     tracker: Path
-    target: Scene | Detections  # as it is, or what was detected of it
+    target: Scene | Detections  # the true target of an experiment, or recorded detections
     sensors: tuple[Sensor, ...]
     methods: tuple[Tracker, ...]  # ways of following
     window: tuple[float, float] = (0.0, np.inf)  # [s] over which figures are averaged
     criteria: Criteria | None = None
-    # shares of the probability whose areas are asked whether they hold the target
+    # shares of the probability whose areas are tested for containing the target
     areas: tuple[float, ...] = ()
-    shown: tuple[float, ...] = ()  # [s] when the cloud is drawn and its areas are told
-    # of detections: a path on which to meet the target, or to avoid it
+    shown: tuple[float, ...] = ()  # [s] when the cloud is drawn and its areas are reported
+    # with detections only: a path to meet the target, or to avoid it
     pursuit: Pursuit | None = None
-    # by way of following and figure
+    # published values by way of following and figure
     published: dict[str, dict[str, float]] = field(default_factory=dict)
-    minds_land: bool = True  # whether particles keep to the water
-    # whether `tracker` is where a log or a track says it was, not where it is said to go
+    minds_land: bool = True  # whether particles avoid land
+    # whether `tracker` is a recorded log or track, not a planned path
     logged: bool = False
-    files: tuple[str, ...] = ()  # that were read
+    files: tuple[str, ...] = ()  # files that were read
 
 
 AFTER = 0.5  # [s]
@@ -71,20 +71,23 @@ MET, HELD = "time to criteria", "track held"  # figures of a run
 
 
 def figures(areas: Sequence[float], criteria: bool) -> list[str]:
-    """Return the names of what is taken of each run; areas: shares, criteria: whether a time to
-    them is asked for.
+    """Return the names of the figures of each run.
+
+    Args:
+        areas: shares of the probability whose areas are evaluated.
+        criteria: whether the time to criteria is a figure.
     """
-    held = [in_area(share) for share in areas]
+    area_names = [in_area(share) for share in areas]
     return [
         *(f"{what} error" for what in ("position", "course", "speed")),
         HELD,
-        *held,
+        *area_names,
         *([MET] if criteria else []),
     ]
 
 
 def in_area(share: float) -> str:
-    """Return what it is called how often the area of a share holds the target."""
+    """Return the name of the figure of how often the area of a share contains the target."""
     return f"in {100 * share:g} % area"
 
 
@@ -94,10 +97,13 @@ def marks(study: Study) -> Array:
 
 
 def worlds(study: Study, shore: DeviceCoast | None = None) -> tuple[list[World], list[Path]]:
-    """Return the worlds of all runs, and the target's way in each; where it does not act, all are
-    one.
+    """Return the worlds of all runs, and the target's path in each.
 
-    shore: off which a target keeps that acts.
+    All are the same if the target does not act.
+
+    Args:
+        study: the tracking case.
+        shore: coast that an acting target avoids; None: no coast.
     """
     scene = study.target
     assert isinstance(scene, Scene)
@@ -105,8 +111,8 @@ def worlds(study: Study, shore: DeviceCoast | None = None) -> tuple[list[World],
     if scene.acts is None:
         ways = [scene.way]
     else:
-        # A moment after each mark, too: else its course there would be the way to the next sweep,
-        # acts and all.
+        # Add a moment after each mark. Otherwise the course at a mark would be that to the next
+        # sweep, including acts in between.
         moments = np.unique(
             np.round(np.concatenate([marks(study), marks(study) + AFTER, *times]), 6)
         )
@@ -124,9 +130,13 @@ def _times(study: Study, scene: Scene) -> list[Array]:
 
 
 def _world(study: Study, target: Path, times: list[Array]) -> World:
+    """Return the world of one run."""
     parts = [
         sweeps.of_sensor(sensor, moments, study.tracker, target.at(moments)[0])
         for sensor, moments in zip(study.sensors, times, strict=True)
     ]
-    told = study.criteria is not None
-    return World(study.tracker, sweeps.ordered([*parts, sweeps.marks(marks(study), target)], told))
+    record_detections = study.criteria is not None
+    return World(
+        study.tracker,
+        sweeps.ordered([*parts, sweeps.marks(marks(study), target)], record_detections),
+    )

@@ -1,4 +1,4 @@
-"""What each sweep of the tracker's sensors came to, and when the estimate is asked for."""
+"""Results of the sweeps of the tracker's sensors, and the times of estimates (marks)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -15,22 +15,23 @@ from kernels.tracking.clouds import DETECTED, MARK, SILENT
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Sweeps in order of time, those of one time in the order of their sensors, and marks after
-    them; each (n,).
+    """Sweeps in order of time, each (n,).
+
+    Sweeps of one time are in the order of their sensors, followed by marks.
     """
 
     time: Array  # [s]
-    place: Array  # unit vectors of the tracker, at marks of the target (n, 3)
+    place: Array  # unit vectors of the tracker; at marks, of the target (n, 3)
     bearing: Array  # [rad] of the detection
-    half: Array  # [rad] its box on either side
-    near: Array  # [rad] its ranges, or how far the sensor reaches that found nothing
-    far: Array
+    half: Array  # [rad] half the width of its box
+    near: Array  # [rad] least range of its box; 0 without a detection
+    far: Array  # [rad] greatest range of its box, or the reach of a silent sensor
     outcome: Array  # kernels.tracking.clouds.SILENT, DETECTED or MARK
-    row: Array  # of the estimates, or -1
+    row: Array  # row of the estimates, or -1
 
     @property
     def marked(self) -> Array:
-        """Whether each is a mark, at which nothing is swept."""
+        """Whether each row is a mark, at which nothing is swept."""
         return np.asarray(self.outcome == MARK)
 
     def __len__(self) -> int:
@@ -38,39 +39,53 @@ class Sweeps:
 
 
 def join_sweeps(parts: Sequence[Sweeps]) -> Sweeps:
-    """Return several one after the other."""
+    """Return several sets of sweeps one after the other."""
     return Sweeps(
         *(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Sweeps))
     )
 
 
 def ordered(parts: Sequence[Sweeps], every_detection: bool = False) -> Sweeps:
-    """Return sweeps of several sensors in order of time, with the rows of what is recorded counted
-    through.
+    """Return sweeps of several sensors in order of time, with numbered rows of estimates.
 
-    every_detection: whether the estimate at each detection is recorded beside those at the marks.
+    Args:
+        parts: sweeps of each sensor, and marks.
+        every_detection: whether estimates are also recorded at each detection.
     """
     number = np.concatenate([np.full(len(part), k) for k, part in enumerate(parts)])
-    whole = join_sweeps(parts)
-    order = np.lexsort((number, whole.outcome == MARK, whole.time))
-    columns = {field.name: getattr(whole, field.name)[order] for field in fields(Sweeps)}
-    told = (columns["outcome"] == MARK) | (every_detection & (columns["outcome"] == DETECTED))
-    columns["row"] = np.where(told, np.cumsum(told) - 1, -1).astype(np.int32)
+    joined = join_sweeps(parts)
+    order = np.lexsort((number, joined.outcome == MARK, joined.time))
+    columns = {field.name: getattr(joined, field.name)[order] for field in fields(Sweeps)}
+    recorded = (columns["outcome"] == MARK) | (every_detection & (columns["outcome"] == DETECTED))
+    columns["row"] = np.where(recorded, np.cumsum(recorded) - 1, -1).astype(np.int32)
     return Sweeps(**columns)
 
 
 def times(sensor: Sensor, end: float, emissions: Array) -> Array:
-    """Return when a sensor sweeps [s], or may hear what the target emits, until an end."""
+    """Return when a sensor sweeps, or may hear the target's emissions [s].
+
+    Args:
+        sensor: of the tracker.
+        end: of the sweeps [s].
+        emissions: of the target [s], shape (n,).
+    """
     return emissions[emissions <= end] if sensor.hears else sensor.on.sweeps(sensor.interval, end)
 
 
 def emitted(radiates: Plan | None, interval: float, end: float) -> Array:
-    """Return the times [s] at which a target's radar looks all round."""
+    """Return the times [s] of the sweeps of a target's radar."""
     return np.empty(0) if radiates is None else radiates.sweeps(interval, end)
 
 
 def of_sensor(sensor: Sensor, moments: Array, tracker: Path, target: Array) -> Sweeps:
-    """Return the sweeps of a sensor at times [s] (n,), the target at places (n, 3)."""
+    """Return the sweeps of a sensor.
+
+    Args:
+        sensor: of the tracker.
+        moments: times of the sweeps [s], shape (n,).
+        tracker: its path.
+        target: unit vectors of the target at these times, shape (n, 3).
+    """
     place, _ = tracker.at(moments)
     distance, there = path.arc(place, target), path.frame(place)
     bearing = np.arctan2(np.sum(target * there.east, axis=1), np.sum(target * there.north, axis=1))
@@ -86,7 +101,12 @@ def of_sensor(sensor: Sensor, moments: Array, tracker: Path, target: Array) -> S
 
 
 def marks(moments: Array, target: Path) -> Sweeps:
-    """Return times [s] at which the estimate is asked for and nothing is swept."""
+    """Return rows at which the estimate is recorded and nothing is swept.
+
+    Args:
+        moments: [s], shape (n,).
+        target: its path.
+    """
     zero = np.zeros(len(moments))
     kind = np.full(len(moments), MARK, np.int32)
     return Sweeps(moments, target.at(moments)[0], zero, zero, zero, zero, kind, kind)

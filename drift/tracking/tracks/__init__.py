@@ -1,3 +1,1 @@
-"""Tracks of what really moved: drifters, ships, animals; which fixes are believed, and means of
-what is clustered.
-"""
+"""Real tracks of drifters, ships and animals: believable fixes and clustered means."""

@@ -1,10 +1,9 @@
-"""Shares and means of values that are not independent: standard errors clustered by drifter and by
-day.
+"""Means and shares of dependent values, with standard errors clustered by drifter and by day.
 
-Forecasts of one drifter share its track, forecasts of one day share the model's errors of that day.
-With two-way clustering (Cameron, Gelbach and Miller 2011, doi:10.1198/jbes.2010.07136, eq. 2.11)
-both may be correlated in any way; values with neither in common count as independent. Few clusters
-say little about their own spread; `few` then says so.
+Forecasts of one drifter share its track, and forecasts of one day share the model's errors of that
+day. With two-way clustering (Cameron, Gelbach and Miller 2011, doi:10.1198/jbes.2010.07136, eq.
+2.11) values in a common cluster may be correlated in any way; values without one count as
+independent. A few clusters give only a rough estimate of their spread; `few` reports that.
 """
 
 import math
@@ -15,7 +14,7 @@ import numpy.typing as npt
 
 from geo.array import Array
 
-FEW = 10  # clusters; with fewer of a kind their spread is a rough guess
+FEW = 10  # clusters of a kind below which the standard error is rough
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Estimate:
 
     @property
     def few(self) -> bool:
-        """Whether the standard error is a rough guess."""
+        """Whether the standard error is rough because there are few clusters."""
         return min(self.drifters if self.drifters > 1 else self.days, self.days) < FEW
 
 
@@ -49,11 +48,17 @@ def _variance(residual: Array, cluster: Array) -> float:
 def mean(
     values: npt.ArrayLike, drifter: npt.ArrayLike, day: npt.ArrayLike, *, share: bool = False
 ) -> Estimate:
-    """Return the mean of values (n,) with its clustered standard error.
+    """Return the mean of values with its clustered standard error.
 
-    drifter, day: the clusters of each, (n,). share: values are 0 or 1. Their standard error is then
-    at least that of n independent trials with the probability (k + 1) / (n + 2), because none or
-    all of a few do not prove an error of 0. With one drifter the clusters are days.
+    With one drifter the clusters are days.
+
+    Args:
+        values: shape (n,).
+        drifter: cluster of each value, shape (n,).
+        day: other cluster of each value, shape (n,).
+        share: whether values are 0 or 1. Their standard error is then at least that of n
+            independent trials with the probability (k + 1) / (n + 2), because none or all of a few
+            values do not prove an error of 0.
     """
     value = np.asarray(values, np.float64)
     drifters, days = np.asarray(drifter), np.asarray(day)
@@ -71,8 +76,8 @@ def mean(
     )
     variances = [variance for variance in (single, daily) if not math.isnan(variance)]
     if len(variances) == 2:
-        # The combination may be too small by chance (ibid., section 2.3), so that it never counts
-        # below either alone.
+        # The combination may be too small by chance (ibid., section 2.3): take at least each one
+        # alone.
         variances.append(single + daily - crossed)
     variance = max(variances, default=math.nan)
     if share:

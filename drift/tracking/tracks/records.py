@@ -1,8 +1,8 @@
-"""Tracks of real drifters and ships, and which of their fixes are believed.
+"""Tracks of real drifters and ships, and the selection of believable fixes.
 
-A track is what one drifter or ship reported: times, positions, and whatever else stood beside them.
-Fixes that cannot be true are left out, and notes say how many and why. Where a drifter was silent
-for too long its track is cut into stretches.
+A track holds the times, positions and other columns that one drifter or ship reported. Impossible
+fixes are removed, and notes give their number and the reasons. Long gaps divide a track into
+stretches.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,19 +14,19 @@ import numpy.typing as npt
 from geo import sphere
 from geo.array import Array
 
-FASTEST = 3.0  # [m/s] nothing drifts faster for long
-# [m] that two fixes may be farther apart than at that speed, because positions have errors too
+FASTEST = 3.0  # [m/s] highest believable drift speed
+# [m] allowance for errors of position in that test
 JUMP = 500.0
-GAP = 3 * 3600.0  # [s] after a longer silence a drifter's displacement is not known well enough
-# [s], [m]: a drifter that stays so long in a circle of this radius is aground
+GAP = 3 * 3600.0  # [s] longest gap across which a drifter's displacement is known well enough
+# [s], [m]: a drifter that stays this long in a circle of this radius is aground
 AGROUND, STILL = 12 * 3600.0, 200.0
-BRIEF = 3 * 3600.0  # [s] the same, beside a shore; in open water it may be slack water
-FEWEST = 3  # fixes of a spell
+BRIEF = 3 * 3600.0  # [s] the same beside a shore; in open water that could be slack water
+FEWEST = 3  # fewest fixes of a spell
 
 
 @dataclass(frozen=True)
 class Track:
-    """Fixes of one drifter in order of time:
+    """Fixes of one drifter in order of time.
 
     UTC [s since 1970], lon, lat [deg] and other columns, each (n,).
     """
@@ -38,9 +38,7 @@ class Track:
     columns: Mapping[str, Array] = field(default_factory=dict)
 
     def at(self, time: npt.ArrayLike) -> tuple[Array, Array]:
-        """Return (lon, lat) [deg] at times [s since 1970] between fixes, on the great circle from
-        one to the next.
-        """
+        """Return (lon, lat) [deg] at times [s since 1970], on great circles between fixes."""
         time = np.asarray(time, np.float64)
         before = np.clip(
             np.searchsorted(self.time, time, "right") - 1, 0, max(self.time.size - 2, 0)
@@ -86,9 +84,11 @@ def selected(track: Track, keep: Array) -> Track:
 
 
 def aground(track: Track, least: float = AGROUND) -> Array:
-    """Return which fixes belong to a spell at one place, (n,), of FEWEST fixes or more.
+    """Return which fixes belong to a spell aground, shape (n,).
 
-    least: shortest time of a spell [s].
+    Args:
+        track: with its fixes.
+        least: shortest time of a spell [s]; it also needs FEWEST fixes.
     """
     lon, lat = np.radians(track.lon), np.radians(track.lat)
     later = np.searchsorted(track.time, track.time + least)
@@ -108,7 +108,7 @@ def aground(track: Track, least: float = AGROUND) -> Array:
 
 
 def nowhere(track: Track) -> Array:
-    """Return that no fix is aground, (n,): ships lie at anchor, and animals rest."""
+    """Return that no fix is aground, (n,); for ships, which anchor, and animals, which rest."""
     return np.zeros(track.time.size, bool)
 
 
@@ -119,8 +119,10 @@ def believed(
 ) -> Believed:
     """Return tracks in order of time without impossible fixes.
 
-    fastest: speed [m/s] that no fix may need. spells_aground: says which fixes of a track are
-    aground, (n,).
+    Args:
+        tracks: as they were read.
+        fastest: highest believable speed [m/s].
+        spells_aground: returns which fixes of a track are aground, shape (n,).
     """
     counts = dict.fromkeys(("impossible", "repeated", "other", "fast"), 0)
     sound_tracks, too_short = [], []
@@ -166,7 +168,7 @@ def believed(
 
 
 def _note_on_short(names: Sequence[str]) -> list[str]:
-    """Return the note on the tracks of these names, which are too short; [] where there are none."""
+    """Return a note on the tracks with too few fixes; [] if there are none."""
     if not names:
         return []
     many = f"{len(names)} tracks" if len(names) > 1 else "1 track"
@@ -176,8 +178,11 @@ def _note_on_short(names: Sequence[str]) -> list[str]:
 def spells(track: Track, aground: Array) -> list[slice]:
     """Return the spells aground of a track, as slices of its fixes.
 
-    aground: which of its fixes belong to one, (n,). What lies farther from the fix before than a
-    spell is wide begins another spell.
+    A fix farther from the one before than the width of a spell begins another spell.
+
+    Args:
+        track: with its fixes.
+        aground: which of its fixes are aground, shape (n,).
     """
     lon, lat = np.radians(track.lon), np.radians(track.lat)
     moved = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) > 2 * STILL
@@ -189,8 +194,9 @@ def spells(track: Track, aground: Array) -> list[slice]:
 
 
 def words_for_spells(tracks: Sequence[Track], aground: Sequence[Array]) -> str:
-    """Return the rule for a spell aground, and since when the first few drifters were aground; ""
-    where none was.
+    """Return the rule for a spell aground, and when the first drifters ran aground.
+
+    It is "" if none did.
     """
     pairs = zip(tracks, aground, strict=True)
     firsts = [(track, int(np.argmax(mask))) for track, mask in pairs if mask.any()]
@@ -204,7 +210,7 @@ def words_for_spells(tracks: Sequence[Track], aground: Sequence[Array]) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """Return the first four of many names, and how many more there are."""
+    """Return the first four of many names, and the number of others."""
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return ", ".join(names[:4]) + more
 
@@ -212,7 +218,7 @@ def _listed(names: Sequence[str]) -> str:
 def _reachable(track: Track, fastest: float) -> Array:
     """Return which fixes can be reached and left at a believable speed.
 
-    Both ends of a lone leap count as reachable.
+    Both ends of a single leap count as reachable.
     """
     keep = np.arange(track.time.size)
     while keep.size > 2:
@@ -223,7 +229,7 @@ def _reachable(track: Track, fastest: float) -> Array:
         worst = np.where((lone_excess > 0) & (around <= 0), lone_excess, 0.0)
         if worst.max() <= 0:
             break
-        # Of neighbours only the worst is removed at a time.
+        # Remove only the worst of neighbouring fixes at a time.
         peak = worst >= np.maximum(
             np.concatenate([[0.0], worst[:-1]]), np.concatenate([worst[1:], [0.0]])
         )
@@ -238,15 +244,19 @@ def _reachable(track: Track, fastest: float) -> Array:
 
 
 def _excess(track: Track, before: Array, after: Array, fastest: float) -> Array:
-    """Return by how much [m] the distance between fixes is larger than could be drifted."""
+    """Return the excess [m] of the distance between fixes over the largest possible drift."""
     lon, lat = np.radians(track.lon), np.radians(track.lat)
     way = sphere.distance(lon[before], lat[before], lon[after], lat[after])
     return np.asarray(way - fastest * (track.time[after] - track.time[before]) - JUMP)
 
 
 def breaks(track: Track, longest: float = GAP, fastest: float = FASTEST) -> Array:
-    """Return which fixes begin a stretch: the first, those after a silence and those after a leap,
-    (n,).
+    """Return which fixes begin a stretch, shape (n,): the first, and those after a gap or leap.
+
+    Args:
+        track: with its fixes.
+        longest: gap that does not divide a track [s].
+        fastest: highest believable speed [m/s].
     """
     index = np.arange(track.time.size)
     leap = _excess(track, index[:-1], index[1:], fastest) > 0

@@ -388,7 +388,7 @@ CHANCE = np.full((2, 3, 4), 0.5)
         ({"weight": np.array([1, -2, 3])}, "1 are negative, such as -2"),
         ({"weight": np.array([1, np.inf, 3])}, "1 are not finite"),
         ({"weight": np.zeros(3)}, "all are 0"),
-        ({"array": [0, 0, -1, 0]}, "-1 is no number of an array"),
+        ({"array": [0, 0, -1, 0]}, "-1 is no index of an array"),
         ({"array": [0, 0, 1, 3], "processors": np.ones((2, 3), bool)}, r"shape \(2, 3\) for 4 arrays"),
         ({"processors": 0}, r"shape \(0, 1\)"),
         ({"manned": np.ones((2, 3), bool)}, r"processing\.manned: shape \(2, 3\), not \(slots, processors\) = \(2, 2\)"),

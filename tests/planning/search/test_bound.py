@@ -647,7 +647,7 @@ def test_where_it_tells_nothing_it_says_why() -> None:
     assert bound.silent(0.8, 5000, 0.01, 0.7, 0.7) == ""
     assert "only 900 effective particles" in bound.silent(0.8, 900, 0.01, 0.7, 0.7)
     assert "near 1" in bound.silent(0.999, 5000, 0.01, 0.7, 0.7)
-    assert "unsure by 0.12" in bound.silent(0.8, 5000, 0.06, 0.7, 0.7)
+    assert "sampling error is too large (0.12)" in bound.silent(0.8, 5000, 0.06, 0.7, 0.7)
     for seen, scored in ((0.81, 0.7), (0.7, 0.83)):
         assert "more than the estimate" in bound.silent(0.8, 5000, 0.01, seen, scored)
     # It speaks up to where these begin: as many particles, as high, as unsure, and a plan that is

@@ -89,10 +89,10 @@ def test_the_worth_and_the_bound_stand_at_the_head():
     assert "POS 0.46; estimated bound 0.53" in text
     told = " ".join(text.split())
     assert (
-        "no plan of these units, detection functions and times is expected to find more than 0.528 of the particles"
+        "no plan of these units, detection functions and times is expected to find more than 0.528 of the planning particles"
         in told
     )
-    assert "It finds 0.471 of those: 89 %" in told
+    assert "This one finds 0.471 of them: 89 %" in told
     assert "two standard errors of sampling are 0.008" in told
     assert "27-30.0N 088-15.0W at 222330ZNOV26" in text
     assert "0.52  position report" in text
@@ -174,7 +174,7 @@ def test_what_else_could_be_done_stands_beside_the_plan_on_the_same_particles():
     plan = searches.plan()
     text = plan_text.plan_text(plan, "Overdue boat", "run-s1")
     told = text.split("4  ALTERNATIVES")[1].split("\n5  ")[0]
-    assert told.splitlines()[0].endswith("all on the particles that the plan was made on")
+    assert told.splitlines()[0].endswith("all on the planning particles")
     assert told.splitlines()[1] == "   0.471  this plan"
     values = [float(row.split()[0]) for row in told.splitlines() if re.match(r" +0\.\d{3}  ", row)]
     gaps = [float(gap) for gap in re.findall(r"better\s+by (\S+)", told)]

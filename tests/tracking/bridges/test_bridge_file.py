@@ -201,7 +201,7 @@ def test_answers_are_those_of_the_laws(tmp_path: Path) -> None:
 def test_what_strays_far_is_told_to_be_rough(tmp_path: Path) -> None:
     found = study.answers(bridge_file.load(written(tmp_path), "150 nmi/sqrt(h)"))
     assert found.notes[0].startswith(
-        "it strays so far that the distributions, which are of first order in that, are off by some"
+        "it strays so far that the distributions (first order in the deviation) have an error of about"
     )
 
 

@@ -48,7 +48,7 @@ def test_what_spreads_is_kept_whole_and_even_in_the_end() -> None:
 
 def test_what_cannot_be_is_refused() -> None:
     found = occupancy.seen((2, 2), (0, 1))
-    with pytest.raises(ValueError, match="nothing is left"):
+    with pytest.raises(ValueError, match="no probability is left"):
         occupancy.unseen(found, np.array([[False, True], [False, False]]))
     with pytest.raises(ValueError, match=r"rate 1\.5 must be 0 to 1"):
         occupancy.spread(found, 1.5)

@@ -1,1 +1,1 @@
-"""Where and when boats may search: seas, depths, daylight, courses."""
+"""Constraints of search units: seas of boats, depths, courses and daylight."""

@@ -1,6 +1,4 @@
-"""When each unit can search where: from its arrival on, by daylight, until its endurance or the
-plan ends.
-"""
+"""When each unit can search where: arrival, daylight, endurance and end of the plan."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,36 +12,37 @@ from drift.planning.search.boats import daylight
 from geo import notation, sphere
 from geo.array import Array
 
-MARGIN = 5.0  # [s] by which legs in whole seconds on the sphere may take longer than on the plane
-# of the endurance on scene that is search (Joint Pub 3-50, National Search and Rescue Supplement)
+MARGIN = 5.0  # [s] rounded legs on the sphere may take this much longer than on the plane
+# share of the on-scene endurance used for search (Joint Pub 3-50, National SAR Supplement)
 SHARE = 0.85
 
 
 def moment(time: float) -> np.datetime64:
-    """Return seconds since 1970 as a time, rounded to whole seconds."""
+    """Return seconds since 1970 as a time in whole seconds."""
     return np.datetime64(round(time), "s")
 
 
 @dataclass(frozen=True)
 class Availability:
-    """When and for how long a unit can search where; times are seconds since 1970."""
+    """When and for how long a unit can search; times are seconds since 1970."""
 
     base: tuple[float, float]  # (lon, lat) [rad]
     leaves: float  # earliest departure
     transit_speed: float  # [m/s]
-    spans: tuple[tuple[float, float], ...]  # in which it may search, in order
+    spans: tuple[tuple[float, float], ...]  # (begin, end) in which it may search, in order
     search: float  # [s] of search in a sortie
     # returns the length [m] of the way to positions (lon, lat) [rad]; None: all ways are straight
     way: Callable[[npt.ArrayLike, npt.ArrayLike], Array] | None = None
 
     def arrival(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
-        """Return the earliest times at which the unit can be at positions [rad]."""
+        """Return the earliest arrival at positions [rad]."""
         way = sphere.distance(*self.base, lon, lat) if self.way is None else self.way(lon, lat)
         return np.asarray(self.leaves + way / self.transit_speed)
 
     def slot(self, earliest: npt.ArrayLike) -> tuple[Array, Array]:
-        """Return when a search begins that may not begin before `earliest`, and how long [s] it
-        lasts, 0 for none.
+        """Return begin and duration [s] of searches that may not begin before `earliest`.
+
+        The duration is 0 if no time is left.
         """
         earliest = np.asarray(earliest, np.float64)
         start, length = earliest.copy(), np.zeros(earliest.shape)
@@ -56,8 +55,12 @@ class Availability:
         return start, length
 
     def within(self, begin: Array, end: Array, arrival: Array) -> Array:
-        """Return how long [s] between two times the unit can search at a place where it arrives at
-        `arrival`.
+        """Return how long [s] the unit can search in time intervals.
+
+        Args:
+            begin: of the intervals, shape (n,).
+            end: of the intervals, shape (n,).
+            arrival: of the unit at the place.
         """
         total = np.zeros(np.broadcast_shapes(np.shape(begin), np.shape(arrival)))
         for first, last in self.spans:
@@ -72,7 +75,11 @@ def of_unit(
 ) -> Availability:
     """Return the availability of a unit.
 
-    place: (lon, lat) [rad] whose daylight counts; after: earliest departure.
+    Args:
+        unit: of the case.
+        spec: of the plan.
+        place: (lon, lat) [rad] where daylight is computed.
+        after: earliest departure [s since 1970]; None: no further limit.
     """
     begin, until = float(notation.epoch(spec.begin)), float(notation.epoch(spec.until))
     leaves = max(begin, float(notation.epoch(unit.ready)), after if after is not None else -np.inf)

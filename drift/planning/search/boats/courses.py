@@ -1,10 +1,9 @@
-"""The ways of a boat: out of harbour, to where it searches, round what lies across its legs, and
-home.
+"""Ways of a boat by sea: out of harbour, to its search, round land across its legs, and home.
 
-A boat keeps its distance from the shore and from water that is too shallow for it, except in
-harbour. From a base that is too near to land it takes the shortest way to the sea where it can keep
-its distance. From a base that is land on the coast it starts at the nearest water within HARBOUR.
-Aircraft fly straight and need nothing of this.
+A boat keeps its distance from the shore and from water that is too shallow, except in harbour. From
+a base too near to land it takes the shortest way to the sea where it can keep its distance. From a
+base on land it starts at the nearest water within HARBOUR. Aircraft fly straight and do not use
+this module.
 """
 
 import math
@@ -25,12 +24,11 @@ from geo.box import Box
 from geo.polyline import LonLat
 
 HARBOUR = 1852.0  # [m] largest distance from a boat's base to the water where it starts
-# margin of the region, in longest straight ways: ways up to half as long again (an ellipse) fit
-# into it
+# margin of the region over the longest straight way: its ellipse of ways half as long again fits
 ROOM = 0.56
 LEAST_ROOM = 5_000.0  # [m] smallest margin of the region
-SCRAP = 100.0  # [m] shorter pieces of legs are left out
-# ways to the next piece longer than FAR_ROUND straight ways and ROUND_MORE are not looked for
+SCRAP = 100.0  # [m] shortest piece of a leg that is searched
+# longest way to the next piece: FAR_ROUND times the straight distance plus ROUND_MORE
 FAR_ROUND = 3.0
 ROUND_MORE = 4_000.0  # [m]
 SEAM = 0.01  # [m] width of gaps that rounding may leave between tiles of the barrier
@@ -39,21 +37,20 @@ SAMPLES = 7  # along each side of a rectangle, to estimate how much of it is sea
 
 @dataclass(frozen=True)
 class Harbour:
-    """A place from which a boat sets out, or to which it returns, and the distances of all nodes
-    from it.
+    """A boat's port, with the distances of all nodes from it.
 
-    approach: way from the first point in the water to where the boat can keep its distance; it has
-    at least this point.
+    approach: way from the first point in the water to where the boat can keep its distance; at
+    least that one point.
     """
 
     place: LonLat
     approach: Array  # (k, 2) [m]
     ashore: float  # [m] from the place to the first point of the approach
-    # [m] length of the approach, which is nearer to land, or shallower, than the boat keeps
+    # [m] length of the approach, on which the boat does not keep its distance or depth
     close: float
     far: Array  # (nodes,) [m] from the place
-    before: Array  # (nodes,) the node before each on the way from the place
-    filled: Array  # (ny, nx) [m] the distances, also at nodes on land
+    before: Array  # (nodes,) predecessor of each node on the way from the place
+    filled: Array  # (ny, nx) [m] the same distances, extrapolated to nodes on land
 
 
 @dataclass(frozen=True)
@@ -68,14 +65,14 @@ class Course:
     def arrival(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
         """Return the length [m] of the way from the base to positions [rad].
 
-        From a position on land the way leads over the nearest water.
+        For a position on land the way leads to the nearest water, then straight on.
         """
         x, y = self.sea.plane.flat(lon, lat)
         points = np.column_stack([np.ravel(x), np.ravel(y)])
         return seas.sampled(self.sea, self.out.filled, points).reshape(np.shape(x))
 
     def share(self, lon: Array, lat: Array) -> Array:
-        """Return which share of positions [rad], (c, n), are at sea where the boat can get, (c,)."""
+        """Return the share of positions [rad], (c, n), that the boat can reach by sea, (c,)."""
         x, y = self.sea.plane.flat(lon, lat)
         ny, nx = self.sea.open.shape
         column, row = (
@@ -95,9 +92,9 @@ class Sailed:
     lat: Array
     searching: Array  # bool (k - 1,)
     elapsed: Array  # (k,) [s] since the first point
-    cut: tuple[int, ...]  # numbers of the given legs that are cut or left out, from 0
+    cut: tuple[int, ...]  # indices of the original legs that are cut or left out
     out: float  # [m] upper bound of the way from the base to the first point
-    # [m] upper bound of the way from the last point to where the boat returns; inf without a way
+    # [m] upper bound of the way from the last point to the port of return; inf: no way
     home: float
 
 
@@ -107,12 +104,19 @@ def prepare(
     places: Array,
     shallow: Callable[[Box], Array] | None = None,
 ) -> tuple[Course | None, str]:
-    """Return a boat's course to where it may have to search, and remarks on it.
+    """Return a boat's course in the region that it may search, and remarks on it.
 
-    Returns None where no land is near. land: returns the polygons [deg] of the land in a box;
-    shallow: those of the water that is too shallow for the boat; places: (n, 2) lon, lat [deg] of
-    the region that it may search. Raises ValueError, with a message for users, where the boat
-    cannot get there by sea.
+    Args:
+        unit: the boat.
+        land: returns the land polygons [deg] in a box.
+        places: lon, lat [deg] of the region that it may search, shape (n, 2).
+        shallow: returns the polygons [deg] of water that is too shallow for the boat.
+
+    Returns:
+        The course, None if no land is near, and remarks for users.
+
+    Raises:
+        ValueError: the boat cannot get there by sea; the message is for users.
     """
     ends = np.array([unit.base, unit.return_to])
     lonlat = np.radians(np.concatenate([ends, places]))
@@ -139,19 +143,19 @@ def prepare(
         inshore = (
             seas.build_sea(polygons, region) or seas.build_sea(polygons, region, 0.0, shoals) or sea
         )
-    main = _main(sea, flat[2:])
-    out = home = _harbour(sea, inshore, unit.base, main)
+    main_water = _main_water(sea, flat[2:])
+    out = home = _harbour(sea, inshore, unit.base, main_water)
     sentences = [_remarks("leaves", out, sea)]
     if unit.return_to != unit.base:
-        home = _harbour(sea, inshore, unit.return_to, main)
+        home = _harbour(sea, inshore, unit.return_to, main_water)
         sentences.append(_remarks("returns to", home, sea))
     return Course(sea, out, home, region.box), " ".join(
         sentence for sentence in sentences if sentence
     )
 
 
-def _main(sea: Sea, targets: Array) -> Array:
-    """Return the nodes of the water in which most of some places [m] lie, bool (nodes,)."""
+def _main_water(sea: Sea, targets: Array) -> Array:
+    """Return the nodes of the water that holds most of some places [m], bool (nodes,)."""
     ny, nx = sea.open.shape
     column, row = (
         np.rint((targets[:, k] - (sea.west, sea.south)[k]) / sea.step).astype(int) for k in (0, 1)
@@ -162,17 +166,19 @@ def _main(sea: Sea, targets: Array) -> Array:
     return np.asarray((sea.part == int(part.argmax())) & sea.open.ravel())
 
 
-def _harbour(sea: Sea, inshore: Sea, place: LonLat, main: Array) -> Harbour:
-    """Return a harbour; raise ValueError where it has no way to the water of `main`."""
+def _harbour(sea: Sea, inshore: Sea, place: LonLat, main_water: Array) -> Harbour:
+    """Return a harbour; raise ValueError if it has no way to the water of `main`."""
     point = sea.flat(*np.array([place]).T)[0]
     node, approach, ashore = (
-        seas.nearest_visible_node(sea, np.where(main, 0.0, np.inf), point),
+        seas.nearest_visible_node(sea, np.where(main_water, 0.0, np.inf), point),
         point[None],
         0.0,
     )
     if node is None:
-        # The way may lead through waters in which the boat cannot keep its distance.
-        navigable = np.isin(inshore.part, np.unique(inshore.part[main])) & inshore.open.ravel()
+        # Allow a way through waters in which the boat cannot keep its distance.
+        navigable = (
+            np.isin(inshore.part, np.unique(inshore.part[main_water])) & inshore.open.ravel()
+        )
         node = seas.nearest_visible_node(inshore, np.where(navigable, 0.0, np.inf), point)
         if node is None:
             node = _nearest(inshore, navigable, point)
@@ -188,7 +194,7 @@ def _harbour(sea: Sea, inshore: Sea, place: LonLat, main: Array) -> Harbour:
                 )
             approach = _node(sea, node)[None]
         far, before = seas.distances(inshore, node)
-        gate = int(np.argmin(np.where(main, far, np.inf)))
+        gate = int(np.argmin(np.where(main_water, far, np.inf)))
         approach = seas.pulled_taut(
             inshore, np.concatenate([approach, seas.along(inshore, before, gate)])
         )
@@ -197,7 +203,7 @@ def _harbour(sea: Sea, inshore: Sea, place: LonLat, main: Array) -> Harbour:
     straight = float(np.hypot(*(_node(sea, node) - approach[-1])))
     far, before = seas.distances(sea, node)
     far = far + (ashore + narrow + straight)
-    # Where nothing is in the way, the straight line is shorter than the way over the nodes.
+    # To visible nodes, the straight line is shorter than the way over nodes.
     direct = ashore + narrow + np.hypot(*(sea.nodes - approach[-1]).T)
     lengths = np.where(
         np.isfinite(far) & seas.visible_nodes(sea, approach[-1]), np.minimum(far, direct), far
@@ -206,7 +212,7 @@ def _harbour(sea: Sea, inshore: Sea, place: LonLat, main: Array) -> Harbour:
 
 
 def _nearest(sea: Sea, nodes: Array, point: Array) -> int | None:
-    """Return the nearest to a point [m] of some nodes, bool (nodes,); None where there are none."""
+    """Return which of some nodes, bool (nodes,), is nearest to a point [m]; None: no nodes."""
     candidates = np.flatnonzero(nodes)
     if not candidates.size:
         return None
@@ -220,7 +226,7 @@ def _node(sea: Sea, node: int) -> Array:
 
 
 def _remarks(verb: str, harbour: Harbour, sea: Sea) -> str:
-    """Return remarks on a harbour; "" where there is nothing to say."""
+    """Return remarks on a harbour; "" if there are none."""
     sentences = []
     if harbour.ashore > 2 * sea.step:
         sentences.append(
@@ -236,10 +242,7 @@ def _remarks(verb: str, harbour: Harbour, sea: Sea) -> str:
 
 
 def way(course: Course, harbour: Harbour, point: LonLat) -> Array | None:
-    """Return the way (k, 2) in lon, lat [deg] from a harbour to a position [deg].
-
-    Returns None where there is none.
-    """
+    """Return the way (k, 2) [deg] from a harbour to a position [deg]; None if there is none."""
     sea = course.sea
     end = sea.flat(*np.array([point]).T)[0]
     node = seas.nearest_visible_node(sea, harbour.far, end)
@@ -247,17 +250,16 @@ def way(course: Course, harbour: Harbour, point: LonLat) -> Array | None:
         return None
     nodes = seas.along(sea, harbour.before, node)
     path = seas.pulled_taut(sea, np.concatenate([harbour.approach[-1:], nodes, end[None]]))
-    return _unwrapped(sea.round(np.concatenate([harbour.approach[:-1], path])))
+    return _unwrap(sea.round(np.concatenate([harbour.approach[:-1], path])))
 
 
 def out_and_home(
     course: Course, first: LonLat, last: LonLat
 ) -> tuple[tuple[LonLat, ...], tuple[LonLat, ...]]:
-    """Return the ways from the base to a first position [deg], and from a last one to where a boat
-    returns.
+    """Return the way out to a first position [deg], and the way home from a last one.
 
-    Where the boat cannot get to a position (as to the centre, on an island, of an area without
-    legs), the way leads to the nearest place where it can get.
+    If the boat cannot get to a position (such as the centre, on an island, of an area without
+    legs), the way leads to the nearest reachable place.
     """
     ways = []
     for harbour, place in ((course.out, first), (course.home, last)):
@@ -265,7 +267,7 @@ def out_and_home(
         if path is None:
             point = course.sea.flat(*np.array([place]).T)[0]
             node = _nearest(course.sea, np.isfinite(harbour.far), point)
-            assert node is not None  # the harbour's own
+            assert node is not None  # the harbour's own node is reachable
             x, y = course.sea.round(_node(course.sea, node)[None])[0]
             path = way(course, harbour, (float(x), float(y)))
         assert path is not None  # the boat can get to this node
@@ -274,17 +276,21 @@ def out_and_home(
 
 
 def distance(course: Course, harbour: Harbour, point: LonLat) -> float:
-    """Return an upper bound [m] of the way from a harbour to a position [deg]; inf without a way."""
+    """Return an upper bound [m] of the way from a harbour to a position [deg]; inf: no way."""
     return float(distances(course, harbour, course.sea.flat(*np.array([point]).T))[0])
 
 
 def distances(course: Course, harbour: Harbour, points: Array) -> Array:
-    """Return upper bounds [m] of the ways from a harbour to points (n, 2) [m], (n,); inf without a
-    way.
+    """Return upper bounds [m] of the ways from a harbour to points, shape (n,); inf: no way.
+
+    Args:
+        course: of the boat.
+        harbour: of the course.
+        points: [m], shape (n, 2).
     """
     sea, gate = course.sea, harbour.approach[-1]
     nodes = [seas.nodes_near(sea, harbour.far, point) for point in points]
-    # For each point the straight way and the ways over nodes near by are tried.
+    # For each point, try the straight way and the ways over nearby nodes.
     counts = np.array([len(node) for node in nodes], int)
     node, own = (
         np.concatenate([np.empty(0, int), *nodes]),
@@ -304,7 +310,7 @@ def distances(course: Course, harbour: Harbour, points: Array) -> Array:
 
 
 def crosses(course: Course, lon: Array, lat: Array) -> bool:
-    """Whether legs through points [deg] may come near to land, or lead out of the region."""
+    """Return True if legs through points [deg] may come near land or leave the region."""
     points = course.sea.flat(lon, lat)
     hull = shapely.MultiPoint(points).convex_hull
     return not course.sea.holds(points) or bool(
@@ -320,9 +326,17 @@ def sail(
 ) -> list[Sailed | None]:
     """Return the legs of several searches as a boat can sail them.
 
-    Returns None for a search of which it can sail none. several: points (lon, lat) [deg] of each
-    search. A piece of a leg is left out where it is shorter than SCRAP, where going to it takes
-    longer than searching it, and where no way to it is near.
+    A piece of a leg is left out if it is shorter than SCRAP, if going to it takes longer than
+    searching it, or if no way to it is near.
+
+    Args:
+        course: of the boat.
+        several: points (lon, lat) [deg] of each search.
+        search_speed: [m/s].
+        transit_speed: [m/s].
+
+    Returns:
+        The legs of each search; None if no piece is left.
     """
     sea = course.sea
     flat = [sea.flat(*points) for points in several]
@@ -348,7 +362,7 @@ def sail(
     sailable = [n for n, pieces in enumerate(parts) if pieces]
     home = np.full(len(several), math.inf)
     result: list[Sailed | None] = [None] * len(several)
-    ways = _between(sea, parts, transit_speed / search_speed)
+    ways = _ways_between_pieces(sea, parts, transit_speed / search_speed)
     if sailable:
         last = [parts[n][ways[n][-1][0] if ways[n] else 0][1][1] for n in sailable]
         home[sailable] = distances(course, course.home, np.array(last))
@@ -360,10 +374,10 @@ def sail(
             points += [way[1:], parts[n][j][1][1:]]
             searching += [False] * (len(way) - 1) + [True]
         searched = np.array(searching)
-        position = _unwrapped(sea.round(np.concatenate(points)))
+        position = _unwrap(sea.round(np.concatenate(points)))
         steps = sphere.distance(*np.radians(position[:-1].T), *np.radians(position[1:].T))
-        # Times are whole seconds, as in a case file, so that the plan that is scored is the one
-        # that is written.
+        # Times are whole seconds, as in a case file, so that the scored plan is exactly the written
+        # one.
         durations = np.maximum(
             np.ceil(steps / np.where(searched, search_speed, transit_speed)), 1.0
         )
@@ -380,24 +394,24 @@ def _size(piece: Array) -> float:
     return float(np.hypot(*(piece[1] - piece[0])))
 
 
-def _between(
+def _ways_between_pieces(
     sea: Sea, several: Sequence[Sequence[tuple[int, Array]]], speeds: float
 ) -> list[list[tuple[int, Array]]]:
-    """Return for each search the numbers of the pieces after its first, and the ways to them.
+    """Return, for each search, which pieces follow the first one, and the ways to them.
 
-    The ways are (k, 2) [m]. several: of each search, the number of the leg and the ends (2, 2) [m]
-    of each piece; speeds: speed of transit over that of search.
+    The ways are (k, 2) [m]. several: for each piece of each search, the index of its leg and its
+    ends (2, 2) [m]; speeds: speed of transit over that of search.
     """
     pieces = [piece for parts in several for _, piece in parts]
     search = [n for n, parts in enumerate(several) for _ in parts]
     leg = [k for parts in several for k, _ in parts]
-    # longest way for which it is worth going to search a piece
+    # longest way that is worth sailing to search a piece
     far = [_size(piece) * speeds for piece in pieces]
     first = np.cumsum([0, *(len(parts) for parts in several)])
     ways_known: dict[tuple[int, int], Array | None] = {}
     while True:
-        # A piece counts as reached until it is known that it is not, so that many ways are computed
-        # at a time.
+        # Assume that pieces can be reached until the opposite is known: many ways are then computed
+        # in one call.
         links, last = [], 0
         for j in range(1, len(pieces)):
             gap = math.dist(pieces[last][1], pieces[j][0])
@@ -430,10 +444,9 @@ def _between(
 
 
 def _pieces(sea: Sea, several: Sequence[Array]) -> list[list[tuple[list[Array], bool]]]:
-    """Return for each leg of each search its clear pieces, by their ends (2, 2) [m], and whether it
-    is whole.
+    """Return the pieces clear of land of each leg of each search, and whether the leg is uncut.
 
-    several: points (n, 2) [m] of each search.
+    Pieces are given by their ends (2, 2) [m]. several: points (n, 2) [m] of each search.
     """
     legs: list[list[tuple[list[Array], bool]]] = [[] for _ in several]
     search = np.repeat(np.arange(len(several)), [len(points) for points in several])
@@ -448,7 +461,7 @@ def _pieces(sea: Sea, several: Sequence[Array]) -> list[list[tuple[list[Array], 
     )
     dry_leg, dry = leg[dry_leg[shapely.get_type_id(dry) == 1]], dry[shapely.get_type_id(dry) == 1]
     ends = [shapely.line_locate_point(lines[dry_leg], shapely.get_point(dry, k)) for k in (0, -1)]
-    # along each leg, begins and ends of its pieces
+    # begin and end of each piece along its leg
     bounds = [[0.0, float(length)] for length in shapely.length(lines)]
     for k in np.unique(dry_leg):
         of_leg = dry_leg == k
@@ -468,14 +481,18 @@ def _pieces(sea: Sea, several: Sequence[Array]) -> list[list[tuple[list[Array], 
     return legs
 
 
-def _unwrapped(place: Array) -> Array:
-    """Return positions (k, 2) [deg] with longitudes without jumps."""
+def _unwrap(place: Array) -> Array:
+    """Return positions (k, 2) [deg] with continuous longitudes."""
     return np.column_stack([np.degrees(np.unwrap(np.radians(place[:, 0]))), place[:, 1]])
 
 
 def on_land(polygons: Array, lon: npt.ArrayLike, lat: npt.ArrayLike) -> float:
-    """Return how many metres of great circles through positions [deg] lie on land, given as
-    polygons [deg].
+    """Return the length [m] of great circles through positions that lies on land.
+
+    Args:
+        polygons: land [deg].
+        lon: of the positions [deg].
+        lat: of the positions [deg].
     """
     x, y = sphere.track(np.radians(lon), np.radians(lat), 500.0)
     x = np.degrees(np.unwrap(x))

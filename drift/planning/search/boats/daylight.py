@@ -1,9 +1,9 @@
-"""When there is daylight at a place: sunrise to sunset.
+"""Daylight at a place: sunrise to sunset.
 
-The sun's position is that of low accuracy in Meeus 1998, Astronomical Algorithms, chapters 25 and
-28 (NOAA's solar calculator uses the same). It is right to 0.01 degrees from 1900 to 2100, so that
-sunrise is right to a minute below 65 degrees of latitude under normal refraction. Polar day is one
-window, polar night none.
+The sun's position is the low-accuracy one of Meeus 1998, Astronomical Algorithms, chapters 25 and
+28 (also used by NOAA's solar calculator). Its error is 0.01 degrees from 1900 to 2100. Sunrise is
+then accurate to a minute below 65 degrees of latitude under normal refraction. A polar day is one
+interval, a polar night none.
 """
 
 import numpy as np
@@ -12,17 +12,18 @@ import numpy.typing as npt
 from geo import sphere
 from geo.array import Array
 
-# [deg] elevation of the sun's centre when its upper limb seems to rise: its radius and refraction
+# [deg] elevation of the sun's centre at apparent sunrise: its radius and refraction
 HORIZON = -0.833
 J2000 = 946_728_000.0  # [s since 1970] noon of 1 January 2000
-# [s] between samples of the elevation; with lines between them its zero is right to a second
+# [s] between samples of the elevation; linear interpolation gives its zero to a second
 SAMPLE = 300.0
 
 
 def sun(time: npt.ArrayLike) -> tuple[Array, Array]:
     """Return the sun's declination [rad] and the equation of time [s], apparent less mean.
 
-    time: [s since 1970].
+    Args:
+        time: [s since 1970].
     """
     days = (np.asarray(time, np.float64) - J2000) / 86_400 + 70 / 86_400  # TD is 70 s ahead
     t = days / 36_525
@@ -44,8 +45,12 @@ def sun(time: npt.ArrayLike) -> tuple[Array, Array]:
 
 
 def elevation(time: npt.ArrayLike, lon: float, lat: float) -> Array:
-    """Return the sun's elevation [deg] without refraction at times [s since 1970] and a place
-    [deg].
+    """Return the sun's elevation [deg] without refraction.
+
+    Args:
+        time: [s since 1970], any shape.
+        lon: of the place [deg].
+        lat: of the place [deg].
     """
     declination, ahead = sun(time)
     hour = (
@@ -61,8 +66,14 @@ def elevation(time: npt.ArrayLike, lon: float, lat: float) -> Array:
 def windows(
     begin: float, end: float, lon: float, lat: float, horizon: float = HORIZON
 ) -> list[tuple[float, float]]:
-    """Return the spans (begin, end) [s since 1970] of daylight at a place [deg] between two times,
-    in order.
+    """Return the intervals of daylight (begin, end) [s since 1970], in order.
+
+    Args:
+        begin: of the time considered [s since 1970].
+        end: of the time considered [s since 1970].
+        lon: of the place [deg].
+        lat: of the place [deg].
+        horizon: elevation of the sun's centre at sunrise and sunset [deg].
     """
     if end <= begin:
         return []

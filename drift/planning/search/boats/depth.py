@@ -1,8 +1,8 @@
-"""Where water is too shallow for a boat: from a grid of depths or elevations in a netCDF file.
+"""Water that is too shallow for a boat, from a netCDF grid of depths or elevations.
 
-Between the points of the grid water is taken to be as shallow as the shallowest of the four round
-it, and shallow where one has no value: never deeper than the grid says. Beyond the grid nothing is
-known, and nothing is shut. Tides are not known: depths are below the datum of the grid.
+Each grid cell counts as shallow as the shallowest of its four corners, and as too shallow if one
+has no value: water is never taken to be deeper than the grid says. Outside the grid no water is
+excluded. Tides are unknown: depths are below the datum of the grid.
 """
 
 from typing import Any
@@ -22,13 +22,20 @@ DOWN = ("depth", "bathymetry")
 
 
 def shoals(source: Depth, box: Box, draught: float) -> Array:
-    """Return polygons [deg] of what is shallower than a draught [m] in a box, or not known within
-    the grid.
+    """Return polygons [deg] of water that is too shallow, or unknown within the grid.
+
+    Args:
+        source: the grid.
+        box: limits of the polygons.
+        draught: least depth [m].
+
+    Raises:
+        UserError: the file cannot be read or interpreted.
     """
     try:
         with dataset.open_local(source.file) as data:
             lon, lat, depth = _grid(data, source)
-            # Longitudes in the same turn as the box's.
+            # Longitudes in the box's range of 360 degrees.
             lon = sphere.east_of_degrees(lon, box.west)
             order = np.argsort(lon)
             columns = order[(lon[order] <= box.east)]
@@ -48,7 +55,7 @@ def shoals(source: Depth, box: Box, draught: float) -> Array:
     cell = shallow[:-1, :-1] | shallow[1:, :-1] | shallow[:-1, 1:] | shallow[1:, 1:]
     x, y = lon[columns], lat[rows]
     step = np.median(np.diff(x))
-    # over a gap between the grid's ends nothing is known
+    # exclude no water in the gap between the grid's ends
     cell &= (np.diff(x) < 2.5 * step)[None, :]
     edge = np.diff(np.pad(cell, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     row, first = np.nonzero(edge == 1)
@@ -58,7 +65,7 @@ def shoals(source: Depth, box: Box, draught: float) -> Array:
 
 
 def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
-    """Return longitudes, latitudes [deg] and the variable, (lat, lon)."""
+    """Return longitudes, latitudes [deg] and the variable (lat, lon)."""
     axes = {}
     for name, letters in (("lat", "lat"), ("lon", "lon")):
         candidates = [
@@ -73,20 +80,20 @@ def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
     known = [str(v) for v in data.data_vars if set(data[v].dims) == set(dims)]
     name = source.variable or (known[0] if len(known) == 1 else "")
     if name not in known:
-        said = (
+        problem = (
             f'no variable "{source.variable}"'
             if source.variable
-            else f"{len(known)} variables, and variable says none"
+            else f"{len(known)} variables, and no `variable` given"
         )
         raise UserError(
-            f'[depth]: "{source.file}": {said}; those on its latitude and longitude: {", ".join(known) or "none"}'
+            f'[depth]: "{source.file}": {problem}; those on its latitude and longitude: {", ".join(known) or "none"}'
         )
     lon, lat = (np.asarray(data[axes[k]].values, np.float64) for k in ("lon", "lat"))
     return lon, lat, data[name].transpose(*dims)
 
 
 def _sign(variable: Any, source: Depth) -> str:
-    """Return whether a variable counts up or down from the sea's surface."""
+    """Return whether a variable counts up or down from the sea surface."""
     words = (
         " ".join(str(variable.attrs.get(key, "")) for key in ("standard_name", "long_name"))
         + f" {variable.name}"
@@ -97,7 +104,7 @@ def _sign(variable: Any, source: Depth) -> str:
     up, down = (any(word in words.lower() for word in kind) for kind in (UP, DOWN))
     if up == down:
         raise UserError(
-            f'[depth]: "{source.file}": nothing says whether {variable.name} counts up (elevation) or down (depth); '
+            f'[depth]: "{source.file}": cannot tell whether {variable.name} counts up (elevation) or down (depth); '
             'give positive = "up" or "down"'
         )
     return "up" if up else "down"

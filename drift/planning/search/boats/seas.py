@@ -1,15 +1,14 @@
-"""Where a boat may go: the sea of a region, at a distance from the shore, and the shortest ways on
-it.
+"""The sea that a boat may use, at its distance from the shore, and the shortest ways on it.
 
-The barrier is the shore in full resolution, grown by the distance that a boat keeps from it. The
-integers of `kernels.step.coast` tell exactly whether a straight way is clear of it; a straight way
-is a great circle, which is followed in pieces. Distances from a place come from Dijkstra's
-algorithm (SciPy) on a grid with sixteen directions, none of whose arcs touches the barrier: such a
+The barrier is the shore in full resolution, grown by the distance that the boat keeps.
+`kernels.step.coast` tests exactly, in integers, whether a straight way is clear of the barrier; a
+straight way is a great circle, followed in pieces. Distances from a place come from Dijkstra's
+algorithm (SciPy) on a grid with sixteen directions, whose arcs do not touch the barrier. Such a
 distance is never too short, and at most 2.8 % too long, except for passages narrower than the grid.
-A way is then pulled taut among the corners of the barrier near it, with Dijkstra's algorithm on
-their visibility graph, so that it turns only at corners. The way round what lies across a leg is
-searched for among all corners in an ellipse, so that it is the shortest of all. All this works on a
-plane round the region's middle, at most some 500 km wide; nothing is refused.
+A way is then shortened among the nearby corners of the barrier, with Dijkstra's algorithm on their
+visibility graph, so that it turns only at corners. Ways round land across a leg use all corners in
+an ellipse, and so are the shortest possible. All this works on a plane about the region's centre,
+at most some 500 km wide; this module raises no errors for users.
 """
 
 import functools
@@ -33,20 +32,20 @@ from geo.coast import shore
 from geo.coast.shore import Shore
 from kernels.step import coast as crossing
 
-CLEAR = 25.0  # [m] that every boat keeps from the shore; a way that touches the shore is not clear
-# [m] added to that, because straight pieces in longitude and latitude leave the great circle
+CLEAR = 25.0  # [m] least distance of every boat from the shore; touching ways are not clear
+# [m] added to that: straight pieces in longitude and latitude deviate from the great circle
 ROUNDING = 2.0
-SKIN = 10.0  # [m] outside the barrier ways turn and legs are cut, so that both are clear of it
+SKIN = 10.0  # [m] distance from the barrier at which ways turn and legs are cut
 # [m] longest piece; up to 80 degrees of latitude it is straight to 1.8 m: L^2 tan(lat) / (8 R)
 PIECE = 4_000.0
 FINEST = 75.0  # [m] smallest distance between nodes
 NODES = 600_000  # most nodes
 # (east, north); their opposites too
 ARCS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
-CORNERS = 240  # most corners among which a way is pulled taut
-FEW = 64  # most corners for a way round what cuts a leg; such ways are computed often
-BAND = 3.0  # [nodes] corners nearer than this to a way count when it is pulled taut
-RAYS = 4096  # rays that decide what is visible from a point
+CORNERS = 240  # most corners when a way is pulled taut
+FEW = 64  # most corners for a way round land across a leg; these are computed often
+BAND = 3.0  # [nodes] distance up to which corners count when a way is pulled taut
+RAYS = 4096  # rays from a point that decide which nodes are visible
 TILE = 200  # most vertices of a piece of the barrier
 
 
@@ -78,7 +77,7 @@ class Sea:
         return np.asarray(np.degrees(np.column_stack(self.plane.round(points[:, 0], points[:, 1]))))
 
     def holds(self, points: Array) -> bool:
-        """Whether points (n, 2) [m] are all in the region."""
+        """Return True if all points (n, 2) [m] are in the region."""
         ny, nx = self.open.shape
         low = np.array([self.west, self.south])
         return bool(
@@ -86,7 +85,7 @@ class Sea:
         )
 
     def at(self, node: Array) -> Array:
-        """Return positions [m] of nodes, (n, 2)."""
+        """Return positions [m] of nodes, shape (n, 2)."""
         nx = self.open.shape[1]
         return np.column_stack(
             [self.west + self.step * (node % nx), self.south + self.step * (node // nx)]
@@ -94,7 +93,7 @@ class Sea:
 
     @property
     def nodes(self) -> Array:
-        """Positions of all nodes [m], (ny * nx, 2)."""
+        """Positions of all nodes [m], shape (ny * nx, 2)."""
         ny, nx = self.open.shape
         x, y = np.meshgrid(
             self.west + self.step * np.arange(nx), self.south + self.step * np.arange(ny)
@@ -104,7 +103,7 @@ class Sea:
 
 @dataclass(frozen=True)
 class Region:
-    """A rectangle of a plane, and the box that holds it."""
+    """A rectangle on a plane, and the box that contains it."""
 
     plane: Plane
     low: Array  # (2,) [m]
@@ -113,7 +112,13 @@ class Region:
 
 
 def region(plane: Plane, places: Array, margin: float) -> Region:
-    """Return the region of places (n, 2) [m] on a plane, with a margin [m] about them."""
+    """Return the region of places on a plane.
+
+    Args:
+        plane: of the region.
+        places: [m], shape (n, 2).
+        margin: about the places [m].
+    """
     low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
     rim = np.linspace(0, 1, 33)
     edge = low + (high - low) * np.concatenate(
@@ -133,10 +138,13 @@ def region(plane: Plane, places: Array, margin: float) -> Region:
 def build_sea(
     polygons: Sequence[Any] | Array, where: Region, keeps: float = 0.0, shoals: Array | None = None
 ) -> Sea | None:
-    """Return the sea of a region; None without land in it.
+    """Return the sea of a region; None if it contains no land.
 
-    polygons: land [deg] in full resolution; keeps: distance [m] from the shore, at least CLEAR;
-    shoals: polygons [deg] of water that is too shallow.
+    Args:
+        polygons: land [deg] in full resolution.
+        where: the region.
+        keeps: distance from the shore [m], at least CLEAR.
+        shoals: polygons [deg] of water that is too shallow.
     """
     plane, low, high, box = where.plane, where.low, where.high, where.box
     keeps = max(keeps, CLEAR)
@@ -147,8 +155,8 @@ def build_sea(
     if shoals is not None and len(shoals):
         grown_parts.append(_grown(shore.clip(shoals, box), plane, ROUNDING, 0.0))
     frame = shapely.box(*(low - 2 * SKIN), *(high + 2 * SKIN))
-    whole = shapely.intersection(shapely.union_all(np.concatenate(grown_parts)), frame)
-    barrier = _polygons(whole)
+    blocked = shapely.intersection(shapely.union_all(np.concatenate(grown_parts)), frame)
+    barrier = _polygons(blocked)
     if not barrier.size:
         return None
     skin = _polygons(
@@ -157,6 +165,7 @@ def build_sea(
     centre = (box.west + box.east) / 2
 
     def back(points: Array) -> Array:
+        """Return positions [deg] of points on the plane."""
         x, y = (np.degrees(v) for v in plane.round(*points.T))
         return np.column_stack([sphere.near_degrees(x, centre), y])
 
@@ -189,13 +198,15 @@ def build_sea(
 
 
 def _grown(polygons: Array, plane: Plane, by: float, far: float) -> Array:
-    """Return polygons [deg] on the plane, grown by at least a distance [m] within `far` [m] of its
-    origin.
+    """Return polygons [deg] on the plane, grown by at least a distance `by` [m].
+
+    The distance holds within `far` [m] of the plane's origin.
     """
     if not polygons.size:
         return polygons
 
     def flat(points: Array) -> Array:
+        """Return points on the plane of positions [deg]."""
         return np.column_stack(plane.flat(*np.radians(points.T)))
 
     # Across the direction of the origin, lengths on the plane are c / sin(c) times those on the
@@ -236,7 +247,7 @@ def _tiles(polygons: Array) -> Array:
 
 
 def _convex(polygons: Array) -> Array:
-    """Return the corners at which a taut way may turn round polygons, (c, 2)."""
+    """Return the corners at which a taut way may turn round polygons, shape (c, 2)."""
     rings = shapely.get_rings(shapely.orient_polygons(polygons))
     points, ring = shapely.get_coordinates(rings, return_index=True)
     corners = []
@@ -258,6 +269,7 @@ def _binary(plane: Plane, points: Array) -> tuple[Array, Array]:
 
 
 def _wet(device: crossing.DeviceCoast, plane: Plane, points: Array) -> Array:
+    """Return whether points (n, 2) [m] are in the water, bool (n,)."""
     return np.asarray(crossing.wet(device, *_binary(plane, points)), bool)
 
 
@@ -288,19 +300,25 @@ def wet(sea: Sea, points: Array) -> Array:
 
 
 def clear(sea: Sea, begin: Array, end: Array) -> Array:
-    """Return whether great circles between points (n, 2) [m] are clear of the barrier, bool (n,).
+    """Return whether great circles between points are clear of the barrier, bool (n,).
 
-    The points at which they begin must be in the water.
+    Args:
+        sea: of the boat.
+        begin: first points [m], shape (n, 2); they must be in the water.
+        end: last points [m], shape (n, 2).
     """
     number = np.arange(len(begin))
     return sees(sea, np.concatenate([begin, end]), number, number + len(begin))
 
 
 def sees(sea: Sea, points: Array, i: Array, j: Array) -> Array:
-    """Return whether great circles from points[i] to points[j] [m] are clear of the barrier, bool
-    (n,).
+    """Return whether great circles between points are clear of the barrier, bool (n,).
 
-    The points at which they begin must be in the water.
+    Args:
+        sea: of the boat.
+        points: [m], shape (k, 2).
+        i: indices of the first points, shape (n,); these must be in the water.
+        j: indices of the last points, shape (n,).
     """
     if not len(i):
         return np.zeros(0, bool)
@@ -314,10 +332,16 @@ def sees(sea: Sea, points: Array, i: Array, j: Array) -> Array:
 
 
 def great_circles(sea: Sea, points: Array, i: Array, j: Array) -> tuple[Array, Array, Array]:
-    """Return (number, lon, lat) [rad] of points along the great circles from points[i] to points[j]
-    [m].
+    """Return points along great circles, at most PIECE apart.
 
-    They are at most PIECE apart; number: of the great circle of each, from 0.
+    Args:
+        sea: of the boat.
+        points: [m], shape (k, 2).
+        i: indices of the first points, shape (n,).
+        j: indices of the last points, shape (n,).
+
+    Returns:
+        The index of each point's great circle, and its lon and lat [rad].
     """
     lon, lat = sea.plane.round(*points.T)
     # Lengths on the plane are never shorter than those on the sphere.
@@ -346,18 +370,24 @@ def apart(sea: Sea, a: Array, b: Array) -> Array:
 
 
 def taut(sea: Sea, begin: Array, end: Array, corners: Array) -> Array | None:
-    """Return the shortest way (k, 2) [m] from point to point that turns only at these corners.
+    """Return the shortest way between two points that turns only at given corners.
 
-    Returns None without one.
+    Args:
+        sea: of the boat.
+        begin: first point [m], shape (2,).
+        end: last point [m], shape (2,).
+        corners: [m], shape (c, 2).
+
+    Returns:
+        The way [m], shape (k, 2); None if there is none.
     """
     return _taut(sea, [np.concatenate([[begin, end], corners])])[0][0]
 
 
 def _taut(sea: Sea, several: Sequence[Array]) -> list[tuple[Array | None, float]]:
-    """Return the shortest way, None without one, and its length [m] for each set of points (k, 2)
-    [m].
+    """Return the shortest way (None: no way) and its length [m] for each set of points.
 
-    It leads from the first point of a set to the second and turns only at others of the set.
+    The way leads from the first point of a set (k, 2) [m] to the second and turns only at others.
     """
     points = np.concatenate(several)
     size = np.array([len(group) for group in several])
@@ -384,9 +414,9 @@ def _taut(sea: Sea, several: Sequence[Array]) -> list[tuple[Array | None, float]
 
 @functools.cache
 def _pairs(count: int) -> tuple[Array, Array]:
-    """Return all pairs of so many numbers, the lower first.
+    """Return all pairs of `count` indices, the lower first.
 
-    They are cached, because few counts are needed very often.
+    They are cached because few counts are needed very often.
     """
     i, j = np.triu_indices(count, 1)
     return i, j
@@ -395,23 +425,28 @@ def _pairs(count: int) -> tuple[Array, Array]:
 def short_way(
     sea: Sea, begin: Array, end: Array, most: float, blocked: bool = False
 ) -> Array | None:
-    """Return the shortest way between two points [m] near each other.
-
-    Returns None above a length `most` [m] (`short_ways`).
-    """
+    """Return the shortest way between two near points [m]; None above a length `most` [m]."""
     return short_ways(sea, begin[None], end[None], np.array([most]), np.array([blocked]))[0]
 
 
 def short_ways(
     sea: Sea, begin: Array, end: Array, most: Array, blocked: Array
 ) -> list[Array | None]:
-    """Return the shortest ways between pairs of near points (n, 2) [m].
+    """Return the shortest ways between pairs of near points.
 
-    Returns None for those longer than `most` [m]. All ways up to a length lie in the ellipse whose
-    foci are their ends, so that a way among all of its corners is the shortest. Where there are
-    more than FEW corners, those nearest to the straight line are tried; the result may then be a
-    longer way, or none. blocked: whether it is known that the straight line is not clear, bool
-    (n,).
+    All ways up to a length lie in the ellipse whose foci are their ends, so the shortest way among
+    all corners in it is the shortest of all. If there are more than FEW corners, only those nearest
+    to the straight line are tried; the result may then be a longer way, or none.
+
+    Args:
+        sea: of the boat.
+        begin: first points [m], shape (n, 2).
+        end: last points [m], shape (n, 2).
+        most: longest allowed way [m], shape (n,).
+        blocked: whether the straight line is known not to be clear, bool (n,).
+
+    Returns:
+        For each pair the way [m], shape (k, 2), or None.
     """
     ways: list[Array | None] = [None] * len(begin)
     straight = np.hypot(*(end - begin).T)
@@ -448,9 +483,9 @@ def short_ways(
 
 
 def distances(sea: Sea, begin: int) -> tuple[Array, Array]:
-    """Return distances [m] by sea from a node to all nodes, and the node before each, (n,) each.
+    """Return distances [m] by sea from a node to all nodes, and the predecessor of each.
 
-    A distance is inf where there is no way.
+    A distance is inf if there is no way; both have the shape (nodes,).
     """
     far, before = csgraph.dijkstra(
         sea.graph, directed=False, indices=begin, return_predecessors=True
@@ -459,7 +494,7 @@ def distances(sea: Sea, begin: int) -> tuple[Array, Array]:
 
 
 def along(sea: Sea, before: Array, node: int) -> Array:
-    """Return the way (k, 2) [m] over nodes to a node from where `distances` began."""
+    """Return the way (k, 2) [m] over nodes to a node, from the start of `distances`."""
     way = [node]
     while before[way[-1]] >= 0:
         way.append(int(before[way[-1]]))
@@ -467,8 +502,9 @@ def along(sea: Sea, before: Array, node: int) -> Array:
 
 
 def pulled_taut(sea: Sea, way: Array) -> Array:
-    """Return a clear way (k, 2) [m] pulled taut, at most as long as any that passes land on the
-    same sides.
+    """Return a clear way (k, 2) [m] pulled taut.
+
+    It is at most as long as any way that passes land on the same sides.
     """
     way = way[np.concatenate([[True], np.any(np.diff(way, axis=0) != 0, axis=1)])]
     if len(way) < 2:
@@ -476,8 +512,7 @@ def pulled_taut(sea: Sea, way: Array) -> Array:
     way = _shortcut(sea, way)
     for _ in range(4):
         corners = _beside(sea, way)
-        # The way's own turns are among the corners, so that a way is always found, and it is no
-        # longer than this one.
+        # The way's own turns are included, so that a way no longer than this one is always found.
         shorter = taut(sea, way[0], way[-1], np.concatenate([way[1:-1], corners]))
         if shorter is None or length(sea, shorter) > length(sea, way) - 1.0:
             return way if shorter is None else shorter
@@ -486,9 +521,7 @@ def pulled_taut(sea: Sea, way: Array) -> Array:
 
 
 def _shortcut(sea: Sea, way: Array) -> Array:
-    """Return a way shortened by straight lines, from each kept point to the farthest that is
-    visible from it.
-    """
+    """Return a way with each point joined straight to the farthest that is visible."""
     kept, k = [0], 0
     while k < len(way) - 1:
         ahead = way[k + 1 :]
@@ -511,11 +544,10 @@ def _beside(sea: Sea, way: Array) -> Array:
 
 
 def visible_nodes(sea: Sea, point: Array) -> Array:
-    """Return which nodes are visible from a point [m], bool (nodes,), by rays between which a rock
-    may hide.
+    """Return which nodes are visible from a point [m], bool (nodes,).
 
-    The result serves only to search for rectangles; `clear` decides on the ways and times of a
-    plan.
+    The test uses rays, between which a rock may hide. It serves only the search for rectangles;
+    `clear` decides on the ways and times of a plan.
     """
     nodes = sea.nodes
     lon, lat = sea.plane.round(*point)
@@ -538,10 +570,10 @@ def visible_nodes(sea: Sea, point: Array) -> Array:
 
 
 def filled(sea: Sea, far: Array) -> Array:
-    """Return distances [m] of all nodes, (ny, nx).
+    """Return distances [m] of all nodes, shape (ny, nx).
 
-    A node without one (on land, say) gets that of the nearest node with one and the straight line
-    to it.
+    A node without a distance (such as one on land) gets that of the nearest node with one plus the
+    straight line to it.
     """
     grid = far.reshape(sea.open.shape)
     missing = ~np.isfinite(grid)
@@ -552,9 +584,12 @@ def filled(sea: Sea, far: Array) -> Array:
 
 
 def sampled(sea: Sea, grid: Array, points: Array) -> Array:
-    """Return distances [m] of points (n, 2) [m] by the best of the four nodes round each.
+    """Return distances [m] of points by the best of the four surrounding nodes, shape (n,).
 
-    grid: from `filled`.
+    Args:
+        sea: of the boat.
+        grid: distances of nodes [m], from `filled`.
+        points: [m], shape (n, 2).
     """
     ny, nx = grid.shape
     column = np.clip(np.floor((points[:, 0] - sea.west) / sea.step).astype(int), 0, nx - 2)
@@ -569,7 +604,7 @@ def sampled(sea: Sea, grid: Array, points: Array) -> Array:
 
 
 def nodes_near(sea: Sea, far: Array, point: Array) -> Array:
-    """Return the nodes about a point [m] that have a distance, (k,)."""
+    """Return the nodes about a point [m] that have a finite distance, shape (k,)."""
     ny, nx = sea.open.shape
     column, row = (
         math.floor((v - w) / sea.step) for v, w in zip(point, (sea.west, sea.south), strict=True)
@@ -580,9 +615,9 @@ def nodes_near(sea: Sea, far: Array, point: Array) -> Array:
 
 
 def nearest_visible_node(sea: Sea, far: Array, point: Array) -> int | None:
-    """Return the visible node near a point [m] by which its distance is shortest.
+    """Return the visible node over which a point [m] has the shortest distance.
 
-    Returns None where none is visible.
+    None if no node is visible.
     """
     node = nodes_near(sea, far, point)
     places = sea.at(node)

@@ -1,8 +1,7 @@
-"""The part of a boat's rectangle that is searched once its legs are cut at the coast: what its crew
-gets as its area.
+"""The part of a boat's rectangle that is searched after its legs are cut at the coast.
 
-A leg that is left out, or ends early, would otherwise lie in an area that nobody searches and count
-as searched.
+The crew gets this part as its area. Otherwise a leg that is left out or ends early would make
+unsearched sea count as searched.
 """
 
 import math
@@ -18,29 +17,34 @@ from geo import sphere
 from geo.array import Array
 from geo.polyline import LonLat
 
-SAMPLES = 41  # along each side of the area, to tell how much of it is sea
-AHEAD = 1000.0  # [m] to the point by which the direction of the legs is told
+SAMPLES = 41  # points along each side of the area, to estimate its share of sea
+AHEAD = 1000.0  # [m] distance over which the direction of the legs is measured
 
 
 class Swept(NamedTuple):
-    """The smallest rectangle of whole legs that holds all that is sailed."""
+    """The smallest rectangle of whole legs that contains everything sailed."""
 
     centre: LonLat  # [deg]
     length: float  # [m] along the legs, half a spacing beyond their ends
     width: float  # [m]
     orientation: float  # [rad] of the legs at its centre
-    legs: int  # that are sailed, in part at least
-    first: int  # number in the pattern, from 0, of its first leg
-    # of the sea in it: track that searches over what a whole pattern would search there
+    legs: int  # number of legs that are sailed at least in part
+    first: int  # index of its first leg in the pattern
+    # searching track over the track of an uncut pattern on the sea of this rectangle
     share: float
 
 
 def area(
     laid: Laid, sailed: Sailed, length: float, spacing: float, sea: Callable[[Array, Array], Array]
 ) -> Swept:
-    """Return what is searched of a rectangle of a length [m] and track spacing [m].
+    """Return the searched part of a rectangle.
 
-    sea: returns the share of positions [rad], (c, n), that are sea, (c,).
+    Args:
+        laid: the rectangle.
+        sailed: its legs cut at the coast.
+        length: of the rectangle along the legs [m].
+        spacing: between tracks [m].
+        sea: returns the share of positions [rad], (c, n), that are sea, (c,).
     """
     legs = len(laid.pattern.legs.lon) // 2
     lon, lat = np.radians(sailed.lon), np.radians(sailed.lat)
@@ -49,9 +53,9 @@ def area(
     )
     sin, cos = np.sin(laid.turn), np.cos(laid.turn)
     along, across = east * sin + north * cos, east * cos - north * sin
-    # Cross legs search too, but are none of the legs that a pattern is counted by.
+    # Cross legs search too, but a pattern's legs are counted without them.
     own = np.flatnonzero(sailed.searching & (np.abs(np.diff(along)) > np.abs(np.diff(across))))
-    own = own if own.size else np.flatnonzero(sailed.searching)  # where all legs lie on land
+    own = own if own.size else np.flatnonzero(sailed.searching)  # all legs are on land
     middle = (across[own] + across[own + 1]) / 2
     number = np.rint(-laid.corner[1] * middle / spacing + (legs - 1) / 2).astype(int)
     ends = np.stack([along[own], along[own + 1]])
@@ -65,7 +69,7 @@ def area(
         laid.centre, laid.turn, centre[0] + np.array([0.0, AHEAD]), np.full(2, centre[1])
     )
     ahead = sphere.offset(*np.radians([x[0], y[0], x[1], y[1]]))
-    # meridians converge
+    # convergence of meridians
     turned = float((np.arctan2(ahead[0], ahead[1]) - laid.turn + np.pi) % (2 * np.pi) - np.pi)
     ticks = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
     places = patterns.points_along(
@@ -80,8 +84,8 @@ def area(
     )
     at_sea = float(sea(*np.radians(places)[:, None])[0])
     track = float(sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])[sailed.searching].sum())
-    whole = (many * (high - low) - spacing) * at_sea
-    share = float(min(track / whole, 1.0)) if whole > 0 else 1.0
+    full_track = (many * (high - low) - spacing) * at_sea
+    share = float(min(track / full_track, 1.0)) if full_track > 0 else 1.0
     size = float(high - low), many * spacing
     return Swept(
         (float(x[0]), float(y[0])), *size, laid.turn + turned, len(np.unique(number)), first, share

@@ -1,1 +1,1 @@
-"""Files and pictures of a plan."""
+"""Output files and pictures of a search plan."""

@@ -1,8 +1,4 @@
-"""What a plan hands out: its text, routes and shapes for plotters, tables for the case, its
-pictures.
-
-The pictures are a map and a sheet for each unit.
-"""
+"""Output files of a search plan: text, routes, shapes, case tables, a map and unit sheets."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,18 +18,19 @@ from geo.box import Box
 
 @dataclass(frozen=True)
 class PlanOutputs:
-    """What the files and pictures are made from."""
+    """What the output files and pictures of a plan are made from."""
 
     plan: Plan
-    forecast: Forecast  # of the plan's failure
+    forecast: Forecast  # given the plan's failure
     setting: Setting
-    taken: Sequence[str]  # names of the sorties that the case has
-    # returns its polygons in a box [deg]; None: the case has no coast
+    taken: Sequence[str]  # names of the case's own sorties
+    # returns the land polygons in a box [deg]; None: the case has no coast
     land: Callable[[Box], Any] | None
     synthetic: bool  # winds or currents are made up
 
 
 def _text(matter: PlanOutputs, stamped: Stamped) -> str:
+    """Return plan.txt."""
     plan = matter.plan
     notes = [
         f"{name} is not sent: it cannot search in this period, or would add nothing."
@@ -46,6 +43,7 @@ def _text(matter: PlanOutputs, stamped: Stamped) -> str:
 
 def _map(matter: PlanOutputs, path: Path) -> None:
     # here: Matplotlib takes a second to import
+    """Draw plan.png."""
     from drift.planning.search.products import map as plan_map
 
     plan_map.plot_plan(matter.forecast, matter.plan, path, matter.setting)
@@ -72,7 +70,7 @@ PICTURES: dict[str, Callable[[PlanOutputs, Path], None]] = {
 
 
 def chapter(matter: PlanOutputs) -> OutputBundle:
-    """Return the chapter of a plan."""
+    """Return the output files of a search plan."""
     return OutputBundle(
         {},
         bind_outputs(FILES, matter),
@@ -83,7 +81,7 @@ def chapter(matter: PlanOutputs) -> OutputBundle:
 
 
 def _sheets(matter: PlanOutputs) -> dict[str, Callable[[Path], None]]:
-    """Return, by name, what draws the sheets of the units, plan-A-1.png and so on."""
+    """Return, by file name, the functions that draw unit sheets (plan-A-1.png and so on)."""
     from drift.planning.search.products import unit_sheet
 
     draw = partial(unit_sheet.plot_unit_sheet, matter.plan)

@@ -1,6 +1,4 @@
-"""A plan as files for navigators and maps (GPX 1.1 routes, KML 2.2, GeoJSON) and as tables for the
-case.
-"""
+"""Search plan as GPX 1.1 routes, KML 2.2, GeoJSON and [[sortie]] tables for the case."""
 
 import json
 import math
@@ -23,7 +21,7 @@ from drift.products.files import markup
 from geo import notation, sphere
 from geo.notation import KNOT, NMI
 
-SAME = 20.0  # [m] by which legs may differ from those of a pattern that is written instead of them
+SAME = 20.0  # [m] largest deviation of legs from a pattern that is written in their place
 INKS = ("ff2a00c8", "ffb04f0b", "ff008a1c", "ff7a0f9b", "ff006a8a", "ff3a3a3a")  # aabbggrr
 
 
@@ -33,10 +31,9 @@ def plan_as_json(plan: Plan) -> dict[str, Any]:
 
 
 def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
-    """Return a route for each tasking, from base over the ends of its legs to home, and its search
-    point.
+    """Return a GPX document: a route for each tasking, and its search point as a waypoint.
 
-    The search point is a waypoint.
+    The route leads from the base over the ends of all legs to home.
     """
     root = gpx_file.document(title, _about(plan, run))
     named = list(zip(subareas.names(plan), plan.taskings, strict=True))
@@ -55,14 +52,16 @@ def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
 
 
 def _point(parent: ET.Element, tag: str, at: subareas.Waypoint, words: str) -> None:
+    """Append a GPX point."""
     gpx_file.point(
         parent, tag, at.lon, at.lat, time=at.time, name=at.name, words=words, kind=at.what
     )
 
 
 def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
-    """Return a folder for each tasking: sub-area, legs, ways out and home, search point; cut at 180
-    degrees.
+    """Return a KML document with a folder for each tasking.
+
+    It holds sub-area, legs, ways out and home, and search point; lines are cut at 180 degrees.
     """
     root, document = kml_file.document(title, _about(plan, run))
     for k, ink in enumerate(INKS):
@@ -91,17 +90,17 @@ def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
 
 
 def geojson(plan: Plan, attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return areas, legs, ways round land, ways out and home (transit) and search points as
-    GeoJSON.
+    """Return a plan as GeoJSON (RFC 7946; shapes are cut at 180 degrees).
 
-    It is that of RFC 7946: shapes are cut at 180 degrees.
+    Its shapes are areas, legs, ways round land, ways out and home (transit) and search points.
     """
     features = []
-    whole = plan_as_json(plan)
+    numbers = plan_as_json(plan)
     counts = {
-        f"effective_particles_{name}": value for name, value in whole["effective_particles"].items()
+        f"effective_particles_{name}": value
+        for name, value in numbers["effective_particles"].items()
     }
-    for row, tasking in zip(whole["taskings"], plan.taskings, strict=True):
+    for row, tasking in zip(numbers["taskings"], plan.taskings, strict=True):
         for shape, geometry in _shapes(tasking).items():
             properties = {"shape": shape, **row, **counts}
             features.append({"type": "Feature", "geometry": geometry, "properties": properties})
@@ -126,7 +125,7 @@ def _shapes(tasking: Tasking) -> dict[str, dict[str, Any]]:
 
 
 def _description(tasking: Tasking) -> str:
-    """Return a tasking in a line."""
+    """Return a tasking in one line."""
     return (
         f"{tasking.unit.name}: on scene {notation.format_dtg(tasking.on_scene)}, off {notation.format_dtg(tasking.off_scene)}; "
         f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi, spacing {tasking.spacing / NMI:.2f} nmi, "
@@ -136,9 +135,7 @@ def _description(tasking: Tasking) -> str:
 
 
 def _about(plan: Plan, run: str) -> str:
-    """Return what stands at the head of a file: the run, and what of the plan stands on few
-    particles.
-    """
+    """Return the head of a file: the run, and warnings about few particles."""
     return ". ".join(
         [
             *([f"run {run}"] if run else []),
@@ -150,13 +147,17 @@ def _about(plan: Plan, run: str) -> str:
 def toml(plan: Plan, taken: Sequence[str] = ()) -> str:
     """Return the plan's sorties as [[sortie]] tables that can be appended to its case.
 
-    taken: names of the case's own sorties, from which these are kept apart. A sortie is written as
-    its pattern; where its legs are not those of the pattern, as waypoints with times.
+    A sortie is written as its pattern, or as waypoints with times if its legs differ from the
+    pattern.
+
+    Args:
+        plan: with the sorties.
+        taken: names of the case's own sorties, which new names must avoid.
     """
     used, parts = (
         set(taken),
         [
-            "# The plan's sorties. Append them to the case once they were flown and found nothing; say what was done with",
+            "# The plan's sorties. Append them to the case after they were flown and found nothing; enter what was done with",
             '# completed = "60 %" or actual = "track.gpx".',
         ],
     )
@@ -197,7 +198,7 @@ def _table(name: str, tasking: Tasking, plan: Plan) -> dict[str, str]:
 
 
 def _where(tasking: Tasking) -> dict[str, str]:
-    """Return what a sortie searches: a pattern, waypoints, or an area with its spacing."""
+    """Return the search of a sortie: a pattern, waypoints, or an area with its spacing."""
     sortie = tasking.sortie
     shape = {
         "centre": _quoted(navigators_position(*tasking.centre)),
@@ -206,7 +207,7 @@ def _where(tasking: Tasking) -> dict[str, str]:
         "orientation": f"{math.degrees(tasking.orientation) % 360:.9g}",
     }
     if sortie.legs is None:
-        # The spacing at which these sweep widths give the plan's coverage.
+        # Write the spacing that gives the plan's coverage with these sweep widths.
         pairs = zip(sortie.sweep_width, sortie.coverage, strict=True)
         apart = next(
             (width / coverage for width, coverage in pairs if width > 0 and coverage > 0),
@@ -234,9 +235,7 @@ def _where(tasking: Tasking) -> dict[str, str]:
 
 
 def _is_parallel(tasking: Tasking) -> bool:
-    """Return whether the legs are those of the parallel pattern of the same size, at the same
-    times.
-    """
+    """Return True if the legs equal the parallel pattern of this size and time."""
     legs = tasking.sortie.legs
     assert legs is not None
     start = search_shapes.epoch(tasking.sortie.start)
@@ -260,18 +259,19 @@ def _is_parallel(tasking: Tasking) -> bool:
 
 
 def _widths(widths: Sequence[float], plan: Plan) -> str:
-    """Return sweep widths in TOML: one, or one by scenario; a family has that of most of its
-    scenarios, by its own name.
+    """Return sweep widths in TOML: one, or one for each scenario.
+
+    A family is written by its own name, with the width of most of its scenarios.
     """
     values = [_quoted(f"{width / NMI:.9g} nmi") for width in widths]
     if len(set(values)) == 1:
         return values[0]
     families = plan.families or (None,) * len(values)
-    found: dict[str, Counter[str]] = {}
+    by_family: dict[str, Counter[str]] = {}
     for family, value in zip(families, values, strict=True):
         if family is not None:
-            found.setdefault(family, Counter())[value] += 1
-    table = {family: many.most_common(1)[0][0] for family, many in found.items()}
+            by_family.setdefault(family, Counter())[value] += 1
+    table = {family: many.most_common(1)[0][0] for family, many in by_family.items()}
     table |= {
         name: value
         for name, family, value in zip(plan.scenarios, families, values, strict=True)
@@ -281,16 +281,17 @@ def _widths(widths: Sequence[float], plan: Plan) -> str:
 
 
 def _inline(table: Mapping[str, str]) -> str:
+    """Return a TOML inline table."""
     return "{ " + ", ".join(f"{key} = {value}" for key, value in table.items()) + " }"
 
 
 def _quoted(text: str) -> str:
-    """Return a TOML basic string: JSON's escapes are TOML's too, but for the delete character."""
+    """Return a TOML basic string; JSON's escapes are valid except for the delete character."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def navigators_position(lon: float, lat: float) -> str:
-    """Return a position in degrees and decimal minutes to 0.2 m, 27 30.5000N 088 15.0000W."""
+    """Return a position in degrees and minutes to 0.2 m: 27 30.5000N 088 15.0000W."""
     lon = sphere.wrap_degrees(lon)
     return (
         f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
@@ -298,5 +299,6 @@ def navigators_position(lon: float, lat: float) -> str:
 
 
 def _minutes(angle: float, digits: int) -> str:
-    whole = round(abs(angle) * 600_000)  # [1e-4 arc minutes]
-    return f"{whole // 600_000:0{digits}d} {whole % 600_000 / 10_000:07.4f}"
+    """Return an angle in degrees and minutes."""
+    tenthousandths = round(abs(angle) * 600_000)  # [1e-4 arc minutes]
+    return f"{tenthousandths // 600_000:0{digits}d} {tenthousandths % 600_000 / 10_000:07.4f}"

@@ -1,6 +1,4 @@
-"""The picture of a plan: sub-areas, legs and search points on the probability then, and its
-figures.
-"""
+"""Map of a search plan: sub-areas, legs and search points on the probability map."""
 
 import math
 import textwrap
@@ -50,7 +48,7 @@ BASE: dict[str, Any] = {
 }
 ROW = 0.03  # height of a row of warnings over the map, as a share of the page
 FIGURES = 2.72  # [em] width of "0.12  "
-TITLED = 0.65  # where a title with a warning to its right ends, as a share of the page's width
+TITLED = 0.65  # right end of a title beside a warning, as a share of the page's width
 LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
 SHEET = Sheet(
     11.7,
@@ -68,15 +66,22 @@ SHEET = Sheet(
 def plot_plan(
     forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: int | None = None
 ) -> None:
-    """Draw a plan on the probability at an output.
+    """Draw a plan on the probability map at an output.
 
-    time: index of the output; by default the one nearest to the middle of the plan's first round.
+    Args:
+        forecast: given the plan's failure.
+        plan: to be drawn.
+        path: the picture to write.
+        setting: of the map.
+        time: index of the output; None: the one nearest to the middle of the plan's first round.
     """
     i = nearest(forecast, plan) if time is None else range(forecast.data.sizes["time"])[time]
     at = forecast.data.isel(time=i)
     on = sheet.begin_page(SHEET)
     count = effective.effective_at(forecast.data, i, setting.particles)
-    least = count if count.few else min(_stood_on(plan, count), key=lambda count: count.number)
+    least = (
+        count if count.few else min(_particle_counts(plan, count), key=lambda count: count.number)
+    )
     frame, high, out = _framed(forecast, plan, i, setting.marks, MAP[3] - ROW * least.few)
     ax = on.figure.add_axes((*MAP[:3], high))
     chart.prepare(ax, frame)
@@ -92,7 +97,7 @@ def plot_plan(
     layers.outline(ax, frame, forecast, outlines, count.few, width=0.7)
     ashore = layers.ashore_marks(ax, frame, forecast, i)
     _plan(ax, on.canvas, frame, forecast, plan, i, setting.marks)
-    _words(on, plan, notation.format_dtg(at["time"].values[()]), setting)
+    _write_head(on, plan, notation.format_dtg(at["time"].values[()]), setting)
     if least.few:
         sheet.draw_rough_banner(on, effective.banner(least, "areas and POS are rough"))
     for k, text in enumerate(out, 1 + least.few):
@@ -118,32 +123,30 @@ def plot_plan(
 def _framed(
     forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float
 ) -> tuple[Frame, float, list[str]]:
-    """Return the map's frame, its height [of the page], and lines over it that say what the frame
-    leaves out.
-    """
+    """Return the map's frame, its height (share of the page) and lines on what is outside."""
     frame = _extent(forecast, plan, i, marks, high)
     at = forecast.data.isel(time=i)
-    out = textwrap.wrap(beyond.outside_frame_sentence(frame, at), 110)
-    if out:
-        high -= ROW * len(out)
+    outside = textwrap.wrap(beyond.outside_frame_sentence(frame, at), 110)
+    if outside:
+        high -= ROW * len(outside)
         frame = _extent(forecast, plan, i, marks, high)
-        out = textwrap.wrap(beyond.outside_frame_sentence(frame, at), 110)
-    return frame, high, out
+        outside = textwrap.wrap(beyond.outside_frame_sentence(frame, at), 110)
+    return frame, high, outside
 
 
-def _words(on: Page, plan: Plan, time: str, setting: Setting) -> None:
-    """Write over the map what the plan is worth, and the time of the probability."""
+def _write_head(on: Page, plan: Plan, time: str, setting: Setting) -> None:
+    """Write the plan's value and the time of the probability over the map."""
     imprint = setting.imprint
     when = f"Probability at {time}, given that all searches until then have failed"
     many = "" if setting.particles is None else f"   ·   {setting.particles:,} particles"
-    title = _cut(on, imprint.title, TITLED if imprint.caution else 0.985)
+    title = _shorten_title(on, imprint.title, TITLED if imprint.caution else 0.985)
     sheet.write_head(
         on, replace(imprint, title=title), f"Plan: {plan_text.worth(plan)}", when + many
     )
 
 
-def _cut(on: Page, title: str, right: float) -> str:
-    """Return a title, cut where it would reach beyond a place on the page."""
+def _shorten_title(on: Page, title: str, right: float) -> str:
+    """Return a title, cut if it would reach beyond a place on the page."""
     renderer = on.canvas.get_renderer()  # type: ignore[no-untyped-call]
     row = on.sheet.title
     tried = on.figure.text(on.sheet.left, row.y, title, fontsize=row.size, weight=row.weight)
@@ -156,8 +159,9 @@ def _cut(on: Page, title: str, right: float) -> str:
 
 
 def nearest(forecast: Forecast, plan: Plan) -> int:
-    """Return the output nearest to the middle of the first round's time on scene, the last of an
-    empty plan.
+    """Return the output nearest to the middle of the first round's time on scene.
+
+    For an empty plan it is the last output.
     """
     first = [tasking for tasking in plan.taskings if tasking.round == plan.taskings[0].round]
     if not first:
@@ -169,8 +173,8 @@ def nearest(forecast: Forecast, plan: Plan) -> int:
     return int(np.argmin(np.abs(forecast.data["time"].values - (begin + (end - begin) // 2))))
 
 
-def _stood_on(plan: Plan, shown: effective.Count) -> list[effective.Count]:
-    """Return what a plan's figures and its picture stand on."""
+def _particle_counts(plan: Plan, shown: effective.Count) -> list[effective.Count]:
+    """Return the effective particle numbers behind the plan's figures and the map."""
     return [
         shown,
         *(count for count in (plan.scored_on, plan.made_on) if count is not None and count.few),
@@ -178,8 +182,9 @@ def _stood_on(plan: Plan, shown: effective.Count) -> list[effective.Count]:
 
 
 def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float) -> Frame:
-    """Return the frame of the sub-areas and the probability, and of bases that make it little
-    larger.
+    """Return the frame of the sub-areas and the probability.
+
+    Bases are included if they enlarge it only a little.
     """
     rings = [ring(tasking) for tasking in plan.taskings]
     lines = [Line(around[:, 0].tolist(), around[:, 1].tolist(), "") for around in rings]
@@ -187,12 +192,12 @@ def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high:
     times, aspect = [now.data["time"].values[0]], MAP[2] * SHEET.width / (high * SHEET.height)
     frame = layers.extent(now, times, marks, lines, aspect)
     bases = [Mark(*place) for t in plan.taskings for place in (t.unit.base, t.unit.return_to)]
-    whole = layers.extent(now, times, [*marks, *bases], lines, aspect)
-    return whole if layers.little(frame, whole) else frame
+    frame_with_bases = layers.extent(now, times, [*marks, *bases], lines, aspect)
+    return frame_with_bases if layers.little(frame, frame_with_bases) else frame
 
 
 def ring(tasking: Tasking) -> Array:
-    """Return the closed outline of a sub-area, (n, 2) [deg]."""
+    """Return the closed outline of a sub-area, shape (n, 2) [deg]."""
     corners = np.array(subareas.corners(tasking))
     return search_shapes.curve(
         np.append(corners[:, 0], corners[0, 0]), np.append(corners[:, 1], corners[0, 1])
@@ -236,7 +241,7 @@ def _plan(
         x, y = frame.project(*subareas.begin(tasking))
         ax.plot(x, y, markersize=7.5, markeredgewidth=1.8, zorder=12, **POINT)
         bold = {"fontsize": 9.5, "weight": "bold", "color": "#000000"}
-        # Areas may overlap where they are searched at other times, so the label says when.
+        # Areas searched at different times may overlap, so the label gives the time.
         label = f"{name} {page.fit(tasking.unit.name, 26)}\n{short(tasking.on_scene)}"
         texts.append((float(x), float(y), label, bold))
     must = len(texts)
@@ -256,17 +261,22 @@ def _plan(
         x, y = frame.project(*place)
         if frame.x[0] < x < frame.x[1] and frame.y[0] < y < frame.y[1]:
             ax.plot(x, y, markersize=8, markeredgewidth=1.0, zorder=12, **BASE)
-            who = [unit.name for unit in units if place in (unit.base, unit.return_to)]
+            names_at_base = [unit.name for unit in units if place in (unit.base, unit.return_to)]
             texts.append(
-                (float(x), float(y), _some(list(dict.fromkeys(who))), {"fontsize": 8, "color": INK})
+                (
+                    float(x),
+                    float(y),
+                    _units_at_base(list(dict.fromkeys(names_at_base))),
+                    {"fontsize": 8, "color": INK},
+                )
             )
-    texts += _beyond(frame, plan)
+    texts += _base_labels_at_edge(frame, plan)
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, *busy))
     labels.place_labels(ax, canvas, texts, [bar], must=set(range(must)))
 
 
 def line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], zorder: float) -> None:
-    """Draw a line through positions [deg], with a halo if it is not thin."""
+    """Draw a line through positions [deg], with a halo unless it is thin."""
     halo = [
         patheffects.withStroke(linewidth=style["linewidth"] + 1.8, foreground="white", alpha=0.8)
     ]
@@ -283,9 +293,7 @@ def line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], zorder: f
 
 
 def creep(ax: Axes, frame: Frame, tasking: Tasking) -> None:
-    """Draw an arrow in the direction of creep in the middle of a sub-area, where parallel legs
-    creep.
-    """
+    """Draw an arrow in the direction of creep in the middle of a parallel sub-area."""
     if tasking.manner.pattern != "parallel":
         return
     reach = 0.22 * tasking.width
@@ -310,10 +318,8 @@ def creep(ax: Axes, frame: Frame, tasking: Tasking) -> None:
     ax.annotate("", (float(x1), float(y1)), (float(x0), float(y0)), arrowprops=arrow, zorder=11)
 
 
-def _beyond(frame: Frame, plan: Plan) -> list[labels.Point]:
-    """Return labels at the chart's edge: how far it is to each base beyond it, and in which
-    direction.
-    """
+def _base_labels_at_edge(frame: Frame, plan: Plan) -> list[labels.Point]:
+    """Return labels at the chart's edge: distance and bearing of each base beyond it."""
     texts: list[labels.Point] = []
     for place in sorted({tasking.unit.base for tasking in plan.taskings}):
         x, y = (float(v) for v in frame.project(*place))
@@ -333,17 +339,17 @@ def _beyond(frame: Frame, plan: Plan) -> list[labels.Point]:
         far = float(sphere.distance(*start, *goal)) / NMI
         east, north = sphere.offset(*start, *goal)
         way = subareas.degrees(math.atan2(float(east), float(north)))
-        words = f"{_some(list(dict.fromkeys(o.unit.name for o in based)))}\nbase {far:.0f} nmi, {way:03d}T"
+        words = f"{_units_at_base(list(dict.fromkeys(o.unit.name for o in based)))}\nbase {far:.0f} nmi, {way:03d}T"
         texts.append(
             (px + share * (x - px), py + share * (y - py), words, {"fontsize": 8, "color": INK})
         )
     return texts
 
 
-def _some(who: list[str]) -> str:
-    """Return whose base it is: the first unit's, and how many more."""
-    more = f" and {len(who) - 1} more" if len(who) > 1 else ""
-    return f"{page.fit(who[0], 26)}{more}"
+def _units_at_base(units: list[str]) -> str:
+    """Return the first of the units at a base, and the number of others."""
+    more = f" and {len(units) - 1} more" if len(units) > 1 else ""
+    return f"{page.fit(units[0], 26)}{more}"
 
 
 def _legend(
@@ -357,6 +363,7 @@ def _legend(
     few: bool,
     more: Sequence[tuple[Any, str]],
 ) -> None:
+    """Draw the legend."""
     rows: list[tuple[Any, str]] = [
         (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0}), "Sub-area"),
         (Line2D([], [], **search_layers.LEGS), "Legs; arrow: creep"),
@@ -410,10 +417,11 @@ def _legend(
 
 
 def _panel(figure: Figure, plan: Plan) -> None:
-    """Write the figures of the plan and of each tasking right of the map, as large as they fit."""
+    """Write the figures of the plan and its taskings beside the map, as large as they fit."""
     lines: list[tuple[str, float, str, float]] = []  # text, height in lines, weight, indent [em]
 
     def say(text: str, high: float = 1.0, weight: str = "normal", indent: float = 0.0) -> None:
+        """Append a line of text."""
         lines.append((text, high, weight, indent))
 
     for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
@@ -445,12 +453,12 @@ def _panel(figure: Figure, plan: Plan) -> None:
             say(f"centre {notation.position(*tasking.centre)}", 1.35)
     if not plan.taskings:
         say("No unit can search in this period.", 1.5, "bold")
-    say("POS, had it been", 1.05, "bold")
+    say("POS by scenario", 1.05, "bold")
     for scenario, pos in subareas.scenario_pos(plan):
         say(f"{notation.probability(pos)}  {page.fit(scenario, 40)}")
     if plan.alternatives:
         say("", 0.3)
-        say("Compared, on the particles that it was made on", 1.05, "bold")
+        say("Compared, on the planning particles", 1.05, "bold")
         say(f"{notation.probability(plan.seen)}  this plan")
         for other in plan.alternatives:
             first, *rest = textwrap.wrap(other.name, 46) or [""]
@@ -467,11 +475,12 @@ def _panel(figure: Figure, plan: Plan) -> None:
 
 
 def _bar(figure: Figure, mesh: Any) -> None:
+    """Draw the colour bar of the probability density."""
     bar, unit = sheet.density_bar(figure, (0.675, 0.225, 0.215, 0.016), mesh)
     bar.set_title(f"Probability density [% per {unit}]", fontsize=8.5, loc="left", color=INK, pad=4)
     bar.tick_params(labelsize=7.5)
 
 
 def short(time: np.datetime64) -> str:
-    """Return a time without its month, 161350Z."""
+    """Return a time without its month: 161350Z."""
     return f"{notation.format_dtg(time)[:6]}Z"

@@ -1,4 +1,4 @@
-"""What report.html shows of a plan: where each unit goes, and what the plan is worth."""
+"""Pages of report.html for a search plan: the units' areas and the plan's value."""
 
 from drift.planning.search.products import files
 from drift.planning.search.products import text as plan_text
@@ -8,7 +8,7 @@ from drift.products.report.leaves import Leaf
 from geo import notation
 
 SPAN = ("on_scene", "off_scene")
-TOLD = [
+COLUMNS = [
     ("unit", "Unit", "words"),
     ("on_scene", "On scene", "time"),
     ("off_scene", "Off scene", "time"),
@@ -23,15 +23,15 @@ TOLD = [
 
 
 def plan_leaves(plan: Plan) -> list[Leaf]:
-    """Return the leaves of a plan."""
+    """Return the report pages of a search plan."""
     file = "plan.geojson"
-    told = [
-        *TOLD[:4],
+    columns = [
+        *COLUMNS[:4],
         *([("pos_ashore", "of it ashore", "share")] if plan.spec.ashore else []),
-        *TOLD[4:],
+        *COLUMNS[4:],
     ]
     rows = [
-        [row["area"], *(row[name] for name, _, _ in told)]
+        [row["area"], *(row[name] for name, _, _ in columns)]
         for row in files.plan_as_json(plan)["taskings"]
     ]
     begin, until = (notation.format_dtg(time) for time in (plan.spec.begin, plan.spec.until))
@@ -45,11 +45,11 @@ def plan_leaves(plan: Plan) -> list[Leaf]:
             where={"shape": "area"},
             span=SPAN,
             label="area",
-            told=TOLD,
+            told=COLUMNS,
             frame=True,
         ),
         leaves.shapes_leaf(
-            "Planned legs", file, "planned_legs", where={"shape": ["legs", "round"]}, told=TOLD
+            "Planned legs", file, "planned_legs", where={"shape": ["legs", "round"]}, told=COLUMNS
         ),
         leaves.shapes_leaf(
             "Ways out and home", file, "planned_transit", where={"shape": "transit"}, shown=False
@@ -63,7 +63,7 @@ def plan_leaves(plan: Plan) -> list[Leaf]:
         ),
         leaves.table_leaf(
             "Units of the plan",
-            [("area", "Area", "words"), *told],
+            [("area", "Area", "words"), *columns],
             rows=rows,
             note=plan_text.stranded(plan),
             unfolded=True,

@@ -1,6 +1,4 @@
-"""The sub-areas of a plan as crews get them: names, corners, ways, and what each is expected to
-find.
-"""
+"""Sub-areas of a plan as crews get them: names, corners, ways and expected detection."""
 
 import math
 from collections.abc import Sequence
@@ -36,9 +34,9 @@ class Waypoint:
 
 
 def names(plan: Plan) -> list[str]:
-    """Return the name of each tasking's sub-area:
+    """Return the names of the taskings' sub-areas.
 
-    A-1, A-2, ... in the first round, B-1, ... in the second.
+    They are A-1, A-2, ... in the first round, B-1, ... in the second.
     """
     names, count = [], dict[int, int]()
     for tasking in plan.taskings:
@@ -52,8 +50,9 @@ def names(plan: Plan) -> list[str]:
 
 
 def corners(tasking: Tasking) -> list[tuple[float, float]]:
-    """Return the corners (lon, lat) [deg] of a sub-area, in order round it from that nearest to its
-    first leg.
+    """Return the corners (lon, lat) [deg] of a sub-area, in order around it.
+
+    The first is the one nearest to the commence search point.
     """
     area = patterns.rectangle(tasking.centre, tasking.length, tasking.width, tasking.orientation)
     corners = list(zip(area.lon, area.lat, strict=True))
@@ -64,7 +63,7 @@ def corners(tasking: Tasking) -> list[tuple[float, float]]:
 
 
 def pattern(tasking: Tasking) -> str:
-    """Return what a tasking's pattern is called, and how fast its frame drifts."""
+    """Return the name of a tasking's pattern, and the drift of its frame."""
     manner, words = tasking.manner, manners.PATTERNS[tasking.manner.pattern].words
     if not manner.moves:
         return words
@@ -74,31 +73,29 @@ def pattern(tasking: Tasking) -> str:
 
 
 def drift(tasking: Tasking) -> float:
-    """Return how fast [m/s] the frame of a tasking's pattern drifts."""
+    """Return the speed [m/s] at which the frame of a tasking's pattern drifts."""
     return math.hypot(tasking.manner.east, tasking.manner.north)
 
 
 def toward(tasking: Tasking) -> float:
-    """Return the direction [rad], clockwise from north, in which the frame of a tasking's pattern
-    drifts.
-    """
+    """Return the direction [rad] of that drift, clockwise from north."""
     return math.atan2(tasking.manner.east, tasking.manner.north)
 
 
 def begin(tasking: Tasking) -> tuple[float, float]:
-    """Return the commence search point (lon, lat) [deg]; of a search without legs the centre."""
+    """Return the commence search point (lon, lat) [deg]; without legs, the centre."""
     legs = tasking.sortie.legs
     return tasking.centre if legs is None else (legs.lon[0], legs.lat[0])
 
 
 def end(tasking: Tasking) -> tuple[float, float]:
-    """Return where the search ends (lon, lat) [deg]; of a search without legs the centre."""
+    """Return the end of the search (lon, lat) [deg]; without legs, the centre."""
     legs = tasking.sortie.legs
     return tasking.centre if legs is None else (legs.lon[-1], legs.lat[-1])
 
 
 def route(name: str, tasking: Tasking) -> list[Waypoint]:
-    """Return a unit's way from its base over all ends of legs to where it returns."""
+    """Return a unit's way from its base over the ends of all legs to where it returns."""
     unit, legs = tasking.unit, tasking.sortie.legs
     way = [Waypoint(f"{name} BASE", "base", tasking.takeoff, *unit.base)]
     way += _turns(f"{name} OUT", unit.base, tasking.out, tasking.on_scene, unit.transit_speed)
@@ -122,9 +119,7 @@ def route(name: str, tasking: Tasking) -> list[Waypoint]:
 
 
 def _what(legs: Legs, k: int) -> str:
-    """Return what the point k of the legs is: the last, an end of a leg that searches, or on a way
-    round land.
-    """
+    """Return the kind of point k of the legs: off (last), leg (end of one) or turn (round land)."""
     if k == len(legs.lon) - 1:
         return "off"
     return "leg" if legs.searching[k - 1] or legs.searching[k] else "turn"
@@ -137,10 +132,10 @@ def _turns(
     time: np.datetime64,
     speed: float,
 ) -> list[Waypoint]:
-    """Return the turning points of a way by sea between a port and where a search begins or ends.
+    """Return the turning points of a way by sea between a port and the search.
 
     way: from the port. time: of arrival at the end of the way that is sailed. speed: negative on a
-    way to the port. Numbers run in the direction that is sailed.
+    way to the port. Points are numbered in the direction that is sailed.
     """
     inner = list(way[1:-1] if len(way) and _same(way[0], port) else way[:-1])
     points = []
@@ -155,6 +150,7 @@ def _turns(
 
 
 def _same(a: tuple[float, float], b: tuple[float, float]) -> bool:
+    """Return True if two positions [deg] are less than a metre apart."""
     return float(sphere.distance(*np.radians(a), *np.radians(b))) < 1.0
 
 
@@ -169,9 +165,7 @@ def transits(tasking: Tasking) -> list[Array]:
 
 
 def by_sea(tasking: Tasking) -> list[tuple[str, float, float]]:
-    """Return each of a boat's ways out and home: what it is called, its length and the straight
-    distance [m].
-    """
+    """Return name, length [m] and straight distance [m] of a boat's ways out and home."""
     unit = tasking.unit
     ways = (
         ("Way out", tasking.out, unit.base, begin(tasking)),
@@ -185,7 +179,7 @@ def by_sea(tasking: Tasking) -> list[tuple[str, float, float]]:
 
 
 def round_length(tasking: Tasking) -> float:
-    """Return the length [m] of its ways round what cuts its legs."""
+    """Return the total length [m] of a tasking's ways round land between its legs."""
     legs = tasking.sortie.legs
     return (
         0.0
@@ -195,7 +189,7 @@ def round_length(tasking: Tasking) -> float:
 
 
 def leg_length(tasking: Tasking) -> float:
-    """Return the length [m] of its longest leg; 0 without legs."""
+    """Return the length [m] of a tasking's longest leg; 0 without legs."""
     legs = tasking.sortie.legs
     return (
         0.0 if legs is None else float(polyline.lengths(legs)[np.array(legs.searching, bool)].max())
@@ -203,8 +197,9 @@ def leg_length(tasking: Tasking) -> float:
 
 
 def track_length(tasking: Tasking) -> float:
-    """Return the length [m] of track that searches; without legs, by its time on scene and search
-    speed.
+    """Return the length [m] of track that searches.
+
+    Without legs it is the time on scene times the search speed.
     """
     legs, sortie = tasking.sortie.legs, tasking.sortie
     if legs is None:
@@ -215,7 +210,7 @@ def track_length(tasking: Tasking) -> float:
 
 
 def widths(tasking: Tasking, under_way: bool = False) -> Array:
-    """Return the sweep width [m] by scenario, of what is adrift or of what is under way."""
+    """Return the sweep width [m] by scenario, adrift or under way."""
     sortie = tasking.sortie
     return np.array(
         sortie.width_under_way if under_way and sortie.width_under_way else sortie.sweep_width
@@ -223,10 +218,14 @@ def widths(tasking: Tasking, under_way: bool = False) -> Array:
 
 
 def coverages(tasking: Tasking, under_way: bool = False) -> Array:
-    """Return the coverage of the sub-area by scenario, W / S, as its crews would compute it.
+    """Return the coverage of the sub-area by scenario, W / S, as its crew would compute it.
 
-    Of legs cut at the coast it is W times the track that searches over the sea in the sub-area, of
-    a sector search W times its track over its circle.
+    If legs are cut at the coast it is W times the searching track over the sea of the sub-area. For
+    a sector search it is W times its track over the area of its circle.
+
+    Args:
+        tasking: with the sub-area.
+        under_way: True: of objects under way; False: of objects adrift.
     """
     sortie = tasking.sortie
     if sortie.coverage:
@@ -244,9 +243,13 @@ def coverages(tasking: Tasking, under_way: bool = False) -> Array:
 def pods(tasking: Tasking, under_way: bool = False) -> Array:
     """Return the POD of the sub-area by scenario for an object that stays in it.
 
-    It is averaged over what is unknown of the sweep width, and over the sub-area: where its legs
-    are cut out nothing is found. (What is seen from the ends of legs beyond their own strips is
-    left out: it is too low by that.)
+    It is averaged over the unknown part of the sweep width and over the sub-area; where legs are
+    cut out it is 0. It omits detections from the ends of legs beyond their own strips, and is too
+    low by that.
+
+    Args:
+        tasking: with the sub-area.
+        under_way: True: of objects under way; False: of objects adrift.
     """
     factors, chances = laws.factors(tasking.sortie.shape)
     along = coverages(tasking, under_way) / tasking.swept
@@ -256,12 +259,12 @@ def pods(tasking: Tasking, under_way: bool = False) -> Array:
 
 
 def degrees(angle: float) -> int:
-    """Return a direction [rad] in whole degrees, 1 to 360: north is 360, as crews say it."""
+    """Return a direction [rad] in whole degrees, 1 to 360 (north is 360)."""
     return round(math.degrees(angle) - 1) % 360 + 1
 
 
 def summary_of_plan(plan: Plan) -> dict[str, Any]:
-    """Return a plan's numbers for the summary; angles in degrees, lengths in nmi, speeds in kn."""
+    """Return a plan's numbers for the summary, in degrees, nmi and kn."""
     return {
         "objective": plan.spec.objective,
         "begin": plan.spec.begin,
@@ -301,10 +304,12 @@ def summary_of_plan(plan: Plan) -> dict[str, Any]:
 
 
 def _counted(count: Count | None) -> float | None:
+    """Return an effective number, or None."""
     return None if count is None else count.number
 
 
 def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
+    """Return a tasking's numbers for the summary."""
     return {
         "area": name,
         "unit": tasking.unit.name,
@@ -349,6 +354,7 @@ def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
 
 
 def _under_way(plan: Plan, tasking: Tasking) -> dict[str, Any]:
+    """Return sweep widths and POD of objects under way."""
     return {
         "sweep_width_under_way_nmi": dict(
             zip(plan.scenarios, (widths(tasking, True) / NMI).tolist(), strict=True)
@@ -358,21 +364,21 @@ def _under_way(plan: Plan, tasking: Tasking) -> dict[str, Any]:
 
 
 def _place(lon: float, lat: float) -> dict[str, float]:
+    """Return a position [deg] for the summary."""
     return {"lon": sphere.wrap_degrees(lon), "lat": lat}
 
 
 def scenario_pos(plan: Plan) -> list[tuple[str, float]]:
-    """Return the POS had each scenario been; of many the likeliest before the plan, and the others
-    together.
+    """Return the POS given each scenario.
+
+    Of many scenarios these are the likeliest before the plan, and the mean of the others.
     """
     names, (pos,) = told(plan, np.asarray(plan.by_scenario, float))
     return list(zip(names, pos, strict=True))
 
 
 def told(plan: Plan, *values: Array) -> tuple[list[str], list[list[float]]]:
-    """Return the names of the scenarios that are told of by themselves, and values of each; of the
-    others the mean.
-    """
+    """Return names and values of the scenarios listed individually, and the mean of the others."""
     share = np.ones(len(plan.scenarios)) if plan.shares is None else plan.shares
     shown = likeliest.likeliest_scenarios(share)
     return shown.names(plan.scenarios), [

@@ -1,8 +1,7 @@
-"""A plan as plain text: the search action plan as crews and coordinators read it (IAMSAR Manual,
-Vol. II).
+"""Search plan as text: the search action plan for crews and coordinators (IAMSAR Manual, Vol. II).
 
-Plain ASCII of at most 78 columns but for names: it goes by mail, telex or radio. Positions are
-degrees and decimal minutes, directions true, times date-time groups.
+It is plain ASCII of at most 78 columns except for names, because it goes by mail, telex or radio.
+Positions are degrees and decimal minutes, directions true, times date-time groups.
 """
 
 import math
@@ -20,12 +19,12 @@ from geo.notation import KNOT, NMI
 WIDE = 78
 FOOT = 0.3048  # [m]
 LABEL = 18
-LONG_WAIT = 0.5  # [h]; of a longer wait the crew reads the reason
-TOLD_ASHORE = 0.005  # probability from which what lies ashore is told of
-OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
+LONG_WAIT = 0.5  # [h] wait from which its reason is given
+SHOWN_ASHORE = 0.005  # probability from which stranding is mentioned
+OPTIMISTIC = 0.02  # largest optimism without a warning
 OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
 EXPECTED = "Expected POD"
-SPACING = {"sector": "Radius"}  # what the spacing of a pattern is called
+SPACING = {"sector": "Radius"}  # label of a pattern's spacing, if not "Track spacing"
 STATES = ("adrift", "under way")
 
 
@@ -40,8 +39,13 @@ def plan_text(
 ) -> str:
     """Return the search action plan.
 
-    run: its run_id. notes: what else a coordinator must know. datum: (lon, lat) [deg] and its time.
-    synthetic: winds or currents are made up.
+    Args:
+        plan: to be written.
+        case_title: title of the case.
+        run: id of the run.
+        notes: further notes for the coordinator.
+        datum: (lon, lat) [deg] and its time.
+        synthetic: whether winds or currents are synthetic.
     """
     names = subareas.names(plan)
     lines = [
@@ -65,7 +69,7 @@ def plan_text(
     for name, tasking in zip(names, plan.taskings, strict=True):
         if tasking.round != number and plan.spec.rounds > 1:
             number = tasking.round
-            later = ", planned as if all before fail: plan again with what was flown and seen"
+            later = ", planned as if all earlier rounds fail: plan again after they are flown"
             lines += ["", *_fill(f"Round {number}{later if number > 1 else ''}", 3)]
         lines += ["", *task(plan, name, tasking)]
     if not plan.taskings:
@@ -77,33 +81,33 @@ def plan_text(
         ),
         (
             "NOTES",
-            [line for note in (*notes, *_standing(plan)) for line in _fill(f"- {note}", 3, 5)],
+            [
+                line
+                for note in (*notes, *_standard_notes(plan))
+                for line in _fill(f"- {note}", 3, 5)
+            ],
         ),
     ]
     if plan.alternatives:
-        rest.insert(
-            0, ("ALTERNATIVES, all on the particles that the plan was made on", _alternatives(plan))
-        )
+        rest.insert(0, ("ALTERNATIVES, all on the planning particles", _alternatives(plan)))
     for section, (head, body) in enumerate(rest, 4):
         lines += ["", f"{section}  {head}", *body]
     return "\n".join(lines) + "\n"
 
 
 def warnings(plan: Plan, synthetic: bool) -> list[str]:
-    """Return the warnings at the head of a plan: what it must not be used for, and what is not
-    reliable in it.
-    """
+    """Return the warnings at the head of a plan: limits of its use and reliability."""
     lines = []
     if synthetic:
         lines.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
     if plan.seen - plan.value > OPTIMISTIC:
         lines.append(
-            f"overfitted: the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others. "
+            f"overfitted: the plan scored {plan.seen:.3f} on the planning particles, {plan.value:.3f} on others. "
             "Plan with more particles."
         )
     lines += [
-        f"{other.name}: finds {-other.difference:.3f} +- {other.standard_error:.3f} more than this plan, of the particles "
-        f"that it was made on, but its areas come nearer than {plan.spec.separation / NMI:.3g} nmi to each other."
+        f"{other.name}: finds {-other.difference:.3f} +- {other.standard_error:.3f} more than this plan on the "
+        f"planning particles, but its areas come nearer than {plan.spec.separation / NMI:.3g} nmi to each other."
         for other in plan.alternatives
         if -other.difference > 2 * other.standard_error and not other.apart
     ]
@@ -111,28 +115,26 @@ def warnings(plan: Plan, synthetic: bool) -> list[str]:
 
 
 def rough(plan: Plan) -> list[str]:
-    """Return warnings of which figures of a plan stand on few particles."""
+    """Return a warning for each figure of a plan that rests on few particles."""
     lines = []
     if plan.made_on is not None and plan.made_on.few:
         lines.append(
             effective.sentence(
                 plan.made_on,
-                "of those that the plan was made on",
+                "in planning",
                 "its areas and its bound are rough",
             )
         )
     if plan.scored_on is not None and plan.scored_on.few:
-        lines.append(
-            effective.sentence(plan.scored_on, "of those that it was scored on", "its POS is rough")
-        )
+        lines.append(effective.sentence(plan.scored_on, "in scoring", "its POS is rough"))
     return lines
 
 
 def worth(plan: Plan) -> str:
-    """Return in a line what a plan is worth and the estimated bound of all plans, or why there is
-    none.
+    """Return one line with a plan's value and the estimated bound of all plans.
 
-    The bound is rounded up; with three digits where two tell no difference.
+    Without a bound it gives the reason. The bound is rounded up, to three digits if two show no
+    difference from the value.
     """
     digits = (
         3 if plan.bound is not None and f"{plan.value:.2f}" == f"{_up(plan.bound, 2):.2f}" else 2
@@ -147,10 +149,11 @@ def worth(plan: Plan) -> str:
 
 
 def stranded(plan: Plan) -> str:
-    """Return what becomes of what lies ashore: how likely that is, and whether the plan looks for
-    it; "" for nothing.
+    """Return the probability that the object is ashore, and whether the plan covers it.
+
+    Returns "" if that probability is negligible.
     """
-    if max(plan.ashore, plan.pos_ashore) < TOLD_ASHORE:
+    if max(plan.ashore, plan.pos_ashore) < SHOWN_ASHORE:
         return ""
     lies = f"{notation.percent(plan.ashore)} probability that it is stranded when the plan begins"
     if plan.spec.ashore:
@@ -159,16 +162,17 @@ def stranded(plan: Plan) -> str:
 
 
 def _share(value: float) -> str:
-    """Return a share in whole percent; all of it is "all"."""
+    """Return a share in whole percent, or "all"."""
     return "all" if value == 1 else notation.percent(value, 0)
 
 
 def _up(value: float, digits: int) -> float:
-    """Return a number rounded up to so many digits: a bound does not get lower by being written."""
+    """Return a bound rounded up to a number of digits."""
     return float(math.ceil(round(value * 10.0**digits, 6)) / 10.0**digits)
 
 
 def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list[str]:
+    """Return the section on the plan's value."""
     rows = [
         (
             "Period",
@@ -183,23 +187,22 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
     if plan.bound:
         bound = (
             "An estimate: no plan of these units, detection functions and times is expected to find more than "
-            f"{_up(plan.bound, 3):.3f} of the particles that this one was made on. It finds {plan.seen:.3f} of those: "
-            f"{100 * plan.seen / plan.bound:.0f} %. Its worth is estimated on other particles: two standard "
+            f"{_up(plan.bound, 3):.3f} of the planning particles. This one finds {plan.seen:.3f} of them: "
+            f"{100 * plan.seen / plan.bound:.0f} %. Its POS is estimated on other particles: two standard "
             f"errors of sampling are {_up(2 * plan.bound_error, 3):.3f}"
         )
         rows.append(("Bound", bound))
     if plan.spec.rounds > 1 and plan.bound is not None:
         loose = f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
         rows.append(("", loose))
-    rows.append(
-        ("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on")
-    )
+    rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the planning particles"))
     for k, (name, pos) in enumerate(subareas.scenario_pos(plan)):
-        rows.append(("POS, had it been" if k == 0 else "", f"{notation.probability(pos):5} {name}"))
+        rows.append(("POS by scenario" if k == 0 else "", f"{notation.probability(pos):5} {name}"))
     return [line for row in rows for line in _row(*row)]
 
 
 def _table(plan: Plan, names: Sequence[str]) -> list[str]:
+    """Return the table of search areas."""
     lines = [f"   {'Area':6}{'Unit':24}{'Takeoff':9}{'On scene':10}{'Off':9}{'Home':9}{'POS':>5}"]
     for name, tasking in zip(names, plan.taskings, strict=True):
         times = [
@@ -217,7 +220,7 @@ def _table(plan: Plan, names: Sequence[str]) -> list[str]:
 
 
 def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
-    """Return what a unit is told to do, as lines."""
+    """Return a unit's task as lines of text."""
     unit, sortie = tasking.unit, tasking.sortie
     title = f"{name}  {unit.name}" + (
         f" ({unit.kind})" if unit.kind and unit.kind != unit.name else ""
@@ -257,7 +260,7 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
             )
         )
     if tasking.cut:
-        ways = f"{subareas.round_length(tasking) / NMI:.1f} nmi of ways round it search nothing"
+        ways = f"{subareas.round_length(tasking) / NMI:.1f} nmi of ways round land without search"
         swept = f"{subareas.track_length(tasking) / NMI:.1f} nmi search {_share(tasking.swept)} of the sea in the area"
         rows.append(("Cut legs", f"{listed(tasking.cut)}: cut at the coast; {swept}; {ways}"))
     rows.append(
@@ -310,7 +313,7 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
 
 
 def listed(numbers: Sequence[int]) -> str:
-    """Return numbers in order, those that follow each other as a range: 6 to 8, 12."""
+    """Return ascending numbers with runs as ranges: 6 to 8, 12."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:
@@ -324,10 +327,9 @@ def listed(numbers: Sequence[int]) -> str:
 
 
 def _expected(plan: Plan, tasking: Tasking) -> list[str]:
-    """Return the POD that a tasking expects: a line if all scenarios have the same, otherwise a
-    table.
+    """Return the POD of a tasking: a line if all scenarios have the same, otherwise a table.
 
-    What is seen from farther while it is under way has a line or row for each state.
+    If sweep widths differ under way, there is a line or row for each state.
     """
     by_state = [
         (
@@ -350,9 +352,9 @@ def _expected(plan: Plan, tasking: Tasking) -> list[str]:
             for part in _row("" if k else EXPECTED, line, indent=6)
         ]
     rows: list[tuple[str, list[float]]] = []
-    told = [subareas.told(plan, *figures) for figures in by_state]
-    for k, name in enumerate(told[0][0]):
-        own = [[column[k] for column in columns] for _, columns in told]
+    shown_by_state = [subareas.told(plan, *figures) for figures in by_state]
+    for k, name in enumerate(shown_by_state[0][0]):
+        own = [[column[k] for column in columns] for _, columns in shown_by_state]
         if own[0] == own[-1]:
             rows.append((name, own[0]))
         else:
@@ -369,6 +371,7 @@ def _expected(plan: Plan, tasking: Tasking) -> list[str]:
 
 
 def _alternatives(plan: Plan) -> list[str]:
+    """Return the section on alternatives."""
     lines = [f"   {plan.seen:.3f}  this plan"]
     for other in plan.alternatives:
         gap = "better" if other.difference >= 0 else "WORSE"
@@ -383,9 +386,10 @@ def _alternatives(plan: Plan) -> list[str]:
     return lines
 
 
-def _standing(plan: Plan) -> tuple[str, ...]:
+def _standard_notes(plan: Plan) -> tuple[str, ...]:
+    """Return the notes that stand in every plan."""
     boats = (
-        "Boats go by sea on the coast of this case, whose shores may be off by more than they keep from it; rocks "
+        "The ways of boats follow the coast of this case, whose error may exceed the distance that they keep; rocks "
         "awash, tides and, without a depth grid, depths are not known: check the ways on a chart.",
     )
     return (
@@ -393,15 +397,16 @@ def _standing(plan: Plan) -> tuple[str, ...]:
         "Altitudes and times are for planning: crews and controllers settle separation, weather and daylight.",
         "POD is for an object that stays in the area; POS counts those that drift in and out of it.",
         *(
-            "An area that drifts moves as a whole while it is searched: its corners hold all of its legs, and its POD is "
+            "A drifting area moves as a whole during its search: its corners enclose all of its legs, and its POD is "
             "for an object that drifts with it. Fly the turning points at their times.",
         )
         * any(tasking.manner.moves for tasking in plan.taskings),
-        "Afterwards append plan.toml to the case, with what was flown: completed or actual.",
+        "After the search append plan.toml to the case, with what was flown: completed or actual.",
     )
 
 
 def _row(label: str, value: str, indent: int = 3) -> list[str]:
+    """Return a labelled row, wrapped to the page width."""
     start = " " * indent + f"{label:{LABEL}}"
     return textwrap.wrap(
         value,
@@ -415,6 +420,7 @@ def _row(label: str, value: str, indent: int = 3) -> list[str]:
 
 
 def _fill(words: str, indent: int, hang: int | None = None) -> list[str]:
+    """Return a paragraph wrapped to the page width."""
     return textwrap.wrap(
         words,
         WIDE,
@@ -424,16 +430,14 @@ def _fill(words: str, indent: int, hang: int | None = None) -> list[str]:
 
 
 def _both(angle: float) -> str:
-    """Return the two directions of an axis, 030/210T."""
+    """Return the two directions of an axis: 030/210T."""
     first = subareas.degrees(angle)
     low, high = sorted((first, (first + 179) % 360 + 1))
     return f"{low:03d}/{high:03d}T"
 
 
 def _first_course(tasking: Tasking) -> int:
-    """Return the course [deg] of the first leg, which is along the orientation one way or the
-    other.
-    """
+    """Return the course [deg] of the first leg; on parallel legs, one way of the axis."""
     legs = tasking.sortie.legs
     assert legs is not None
     east, north = sphere.offset(*np.radians([legs.lon[0], legs.lat[0], legs.lon[1], legs.lat[1]]))
@@ -447,4 +451,5 @@ def _first_course(tasking: Tasking) -> int:
 
 
 def _short(time: np.datetime64) -> str:
+    """Return a time without its month: 161350Z."""
     return f"{notation.format_dtg(time)[:6]}Z"

@@ -1,8 +1,8 @@
-"""The sheet of a unit, A4 upright: its legs at a scale that shows each, its task, every turning
-point.
+"""A4 sheet of a unit: chart of its legs, its task and all turning points.
 
-Turning points are numbered on the chart and in the table, which has their positions to a thousandth
-of a minute, as plotters take them. A search with more points than fit goes on on further pages.
+Turning points are numbered on the chart and in the table, which gives their positions to a
+thousandth of a minute, as plotters take them. If they do not fit, the table continues on further
+pages.
 """
 
 import math
@@ -49,9 +49,9 @@ SHEET = Sheet(  # A4
 )
 MAP = (0.085, 0.535, 0.865, 0.37)  # of the page
 INSET = (0.665, 0.30, 0.285, 0.20)
-COLUMNS, ROWS, MORE = 3, 28, 105  # of the table: on the first page, and rows on those after it
-TABLE = 0.262  # of the page, where it begins
-STEP = 0.0081  # of the page, a row
+COLUMNS, ROWS, MORE = 3, 28, 105  # of the table: columns, rows on page 1, rows on later pages
+TABLE = 0.262  # top of the table, as a share of the page
+STEP = 0.0081  # height of a row, as a share of the page
 WAY: dict[str, Any] = {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}
 KINDS = {
     "way": "way",
@@ -65,7 +65,7 @@ KINDS = {
 
 
 def pages(plan: Plan) -> list[tuple[str, int, int]]:
-    """Return the sheets of a plan: file name, which tasking, and which page of it, from 1."""
+    """Return the sheets of a plan: file name, index of the tasking, and page from 1."""
     sheets = []
     for k, (name, tasking) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
         rest = len(subareas.route(name, tasking)) - COLUMNS * ROWS
@@ -75,8 +75,8 @@ def pages(plan: Plan) -> list[tuple[str, int, int]]:
 
 
 def box(plan: Plan) -> Box:
-    """Return the box that holds all that the sheets show."""
-    every = np.concatenate(
+    """Return the box that encloses everything on the sheets."""
+    points = np.concatenate(
         [
             np.concatenate(
                 [plan_map.ring(tasking), *subareas.transits(tasking), [tasking.unit.base]]
@@ -84,15 +84,15 @@ def box(plan: Plan) -> Box:
             for tasking in plan.taskings
         ]
     )
-    lon = np.array([_by(value, every[0, 0]) for value in every[:, 0]])
+    lon = np.array([_by(value, points[0, 0]) for value in points[:, 0]])
     west = sphere.wrap_degrees(float(lon.min()))
     box = Box(
         west,
-        float(every[:, 1].min()),
+        float(points[:, 1].min()),
         west + max(float(np.ptp(lon)), 1e-6),
-        float(every[:, 1].max()),
+        float(points[:, 1].max()),
     )
-    return box.grown(0.3 + 0.2 * float(np.ptp(lon)), 0.2 + 0.2 * float(np.ptp(every[:, 1])))
+    return box.grown(0.3 + 0.2 * float(np.ptp(lon)), 0.2 + 0.2 * float(np.ptp(points[:, 1])))
 
 
 def plot_unit_sheet(
@@ -104,7 +104,16 @@ def plot_unit_sheet(
     number: int = 1,
     polygons: Iterable[Any] = (),
 ) -> None:
-    """Draw page `number` of the sheet of tasking `which`."""
+    """Draw one page of a unit's sheet.
+
+    Args:
+        plan: with the tasking.
+        which: index of the tasking.
+        path: the picture to write.
+        imprint: title and run for the head of the page.
+        number: of the page, from 1.
+        polygons: land [deg].
+    """
     name, tasking = subareas.names(plan)[which], plan.taskings[which]
     way = subareas.route(name, tasking)
     on = sheet.begin_page(SHEET)
@@ -195,12 +204,13 @@ def _chart(
 
 
 def _ways(ax: Axes, frame: Frame, tasking: Tasking) -> None:
+    """Draw the ways out and home."""
     for points in subareas.transits(tasking):
         plan_map.line(ax, frame, points, WAY, 7)
 
 
 def _inset(figure: Figure, tasking: Tasking, land: Array) -> None:
-    """Draw the way out and home at the scale that shows them."""
+    """Draw the ways out and home on a small chart that shows them whole."""
     ring = plan_map.ring(tasking)
     ways = subareas.transits(tasking)
     places = np.concatenate([ring, *ways, [tasking.unit.base, tasking.unit.return_to]])
@@ -220,7 +230,7 @@ def _inset(figure: Figure, tasking: Tasking, land: Array) -> None:
 
 
 def _facts(figure: Figure, plan: Plan, name: str, tasking: Tasking) -> None:
-    """Write the unit's task, as in the search action plan, and when there is daylight."""
+    """Write the unit's task, as in the search action plan, and the hours of daylight."""
     lines = [line.removeprefix("      ") for line in plan_text.task(plan, name, tasking)[1:]]
     lines.append(f"{'Daylight':{plan_text.LABEL}}{light(tasking)}")
     for words in plan.said:
@@ -247,7 +257,7 @@ def _facts(figure: Figure, plan: Plan, name: str, tasking: Tasking) -> None:
 
 
 def light(tasking: Tasking) -> str:
-    """Return sunrise and sunset at the commence search point, of the day about the search."""
+    """Return sunrise and sunset at the commence search point for the day of the search."""
     begin = float(notation.epoch(tasking.on_scene))
     place = subareas.begin(tasking)
     spans = daylight.windows(begin - 86_400, begin + 86_400, *place)
@@ -263,7 +273,7 @@ def light(tasking: Tasking) -> str:
 
 
 def _table(figure: Figure, way: Sequence[Waypoint], top: float, rows: int) -> None:
-    """Write turning points down the columns."""
+    """Write turning points in columns."""
     wide = 0.89 / COLUMNS
     for column in range(math.ceil(len(way) / rows)):
         x = 0.06 + wide * column
@@ -285,7 +295,7 @@ def _table(figure: Figure, way: Sequence[Waypoint], top: float, rows: int) -> No
 
 
 def _short(point: Waypoint) -> str:
-    """Return what a point is called on its unit's own sheet.
+    """Return a point's label on its unit's own sheet.
 
     Search points are CSP, 02, ... END; those on the way out W1, ..., on the way home H1, ...
     """
@@ -296,15 +306,17 @@ def _short(point: Waypoint) -> str:
 
 
 def _place(point: Waypoint) -> str:
+    """Return a position in degrees and minutes."""
     lon = sphere.wrap_degrees(point.lon)
     return f"{_minutes(point.lat, 2)}{'N' if point.lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
 
 
 def _minutes(angle: float, digits: int) -> str:
-    whole = round(abs(angle) * 60_000)
-    return f"{whole // 60_000:0{digits}d} {whole % 60_000 / 1000:06.3f}"
+    """Return an angle in degrees and minutes."""
+    thousandths = round(abs(angle) * 60_000)
+    return f"{thousandths // 60_000:0{digits}d} {thousandths % 60_000 / 1000:06.3f}"
 
 
 def _by(lon: float, other: float) -> float:
-    """Return a longitude [deg] at the turn nearest to another."""
+    """Return a longitude [deg] within 180 degrees of another."""
     return sphere.near_degrees(lon, other)

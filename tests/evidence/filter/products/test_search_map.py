@@ -325,7 +325,7 @@ def test_what_else_could_be_done_is_told_in_full(tmp_path, search, words):
     k = next(k for k, text in enumerate(words) if text.startswith("0.35  "))
     assert " ".join(words[k : k + 2]) == f"0.35  {name}"
     # of the same particles as the plan, and which
-    assert words[k - 2 : k] == ["Compared, on the particles that it was made on", "0.47  this plan"]
+    assert words[k - 2 : k] == ["Compared, on the planning particles", "0.47  this plan"]
 
 
 def test_numbers_of_updates_close_in_time_do_not_touch(tmp_path, search, figures):
