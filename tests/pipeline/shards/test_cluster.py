@@ -331,7 +331,8 @@ def test_the_scheduler_is_lost_where_shards_meet(
 
     monkeypatch.setattr(cluster, "check", lost)
     with pytest.raises(
-        drift.UserError, match=r"the cluster is lost .* kept there: the same command resumes from them"
+        drift.UserError,
+        match=r"the cluster is lost .* kept there: the same command resumes from them",
     ):
         drift.run(searched, tmp_path / "out", client=client, shards=3)
 
