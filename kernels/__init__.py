@@ -1,32 +1,32 @@
-"""Every Taichi kernel: a step of the particles, detection, planning, tracking.
+"""All Taichi kernels: particle steps, evidence from sensors, planning, tracking.
 
-| folder | what its kernels do |
+| folder | contents |
 |---|---|
-| `runtime` | start a backend; arrays on the host and on the device; launches, batches, graphics cards |
-| `maths` | random numbers by counter, sine and arc tangent on every backend, the exponential map |
-| `step` | start positions; forcing at a point; velocity, errors, integration, shore, life; sums of outputs |
-| `steering` | targets that steer: itineraries, legs, the current they feel, pieces of their paths |
-| `evidence` | sorties, sonar, tables of POD, lines and fields: what each does to the weights of particles |
-| `planning` | what effort, rectangles, legs, stations and beams would find |
-| `tracking` | clouds of particles that follow targets which are rarely detected |
+| `runtime` | start of a backend; arrays on host and device; launches, batches, cards |
+| `maths` | counter-based random numbers, trigonometry on every backend, the exponential map |
+| `step` | start positions; forcing at a point; velocity, errors, integration, shore, states; sums |
+| `steering` | steering targets: itineraries, legs, set by the current, pieces of their paths |
+| `evidence` | sorties, sonars, tables of POD, lines and areas: their effect on particles' weights |
+| `planning` | expected results of effort, rectangles, legs, stations and beams |
+| `tracking` | clouds of particles for rarely detected targets |
 
-Kernels take arrays and numbers and write arrays. Modules here do without
-`from __future__ import annotations`, which breaks Taichi.
+Kernels take arrays and numbers and write arrays. Modules with kernels must not use `from __future__
+import annotations`, which breaks Taichi.
 """
 
 import inspect
 import os
 
-# Taichi prints a banner and asks a server for its newest version when imported; a rescue tool does
+# When imported, Taichi prints a banner and asks a server for its newest version; a rescue tool does
 # neither.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
-# Where standard output is not a terminal's own, as in a notebook, it says so and takes in what
-# kernels print: none does.
+# Without a terminal, as in a notebook, Taichi prints a note and captures the output of kernels,
+# which print nothing.
 os.environ.setdefault("TI_ENABLE_PYBUF", "0")
-# Taichi asks at each of its decorators which source line imports the module, of a frame of Python's
-# importer, which has no source: all modules are looked through in vain, half a second in all,
-# unless it is known where that frame belongs.
+# Each decorator of Taichi looks up the source line that imports the module, from a frame of
+# Python's importer, which has no source. The search through all modules fails after half a second
+# in total, unless that frame has a module.
 inspect.modulesbyfile.setdefault("<frozen importlib._bootstrap>", "importlib._bootstrap")
 
 if os.environ.get("DRIFT_TAICHI"):

@@ -1,11 +1,10 @@
-"""What a sensor with a table of POD has seen of each particle: the hazard of the places where it
-was.
+"""Hazard of detection by a sensor with a table of POD, along the paths of particles.
 
-The table is by place, or by bearing and range round the sensor. Where the POD is P the hazard is
--log(1 - P) a unit of time. Particles and sensor go straight within a step. A stretch of way is
-taken in parts, at most 256, of half a cell of the table at the most, beside the sensor of a quarter
-of the distance, each with the POD in its middle, bilinear between the table's entries. Beyond the
-table nothing is seen.
+The table is by place, or by bearing and range from the sensor. Where the POD is P, the hazard is
+-log(1 - P) per unit of time. Particles and sensor move straight within a step. A straight stretch
+is split into at most 256 parts, each no longer than half a cell of the table; close to the sensor
+no longer than a quarter of the distance. Each part uses the POD at its midpoint, interpolated
+bilinearly. The POD is zero outside the table.
 """
 
 from typing import Any, NamedTuple
@@ -17,17 +16,18 @@ from kernels.evidence import listen
 from kernels.evidence.listen import Ear, Stretch, f32x2
 from kernels.maths import angles
 
-# a sonar (kernels.evidence.listen); POD by bearing and range; POD by place
+# kinds of sensor: sonar (kernels.evidence.listen); POD by bearing and range; POD by place
 HEARD, ROUND, PLACES = range(3)
-LEAST = 1e-12  # smallest chance of a miss that has a hazard
-FAR = 4.0  # strays of a part of a bridge beyond which it does not come
-WHOLE = 4294967296.0  # a turn [binary angle]
+LEAST = 1e-12  # least probability of a miss, which bounds the hazard
+FAR = 4.0  # a bridge stays within this many times its spread K sqrt(dt)
+WHOLE = 4294967296.0  # full circle [binary angle]
 
 
 @ti.func
 def where(kind: ti.template(), ear: Ear, time: ti.f32, lon: ti.i32, lat: ti.i32) -> f32x2:
-    """Return where a place [binary angle] is for a table at a time: columns and rows by place, else
-    (east, north) [m].
+    """Return table coordinates of a position [binary angle] at a time [s].
+
+    (column, row) for a table by place; otherwise (east, north) [m] from the sensor.
     """
     found = f32x2(0.0)
     if ti.static(kind == PLACES):
@@ -42,7 +42,7 @@ def where(kind: ti.template(), ear: Ear, time: ti.f32, lon: ti.i32, lat: ti.i32)
 
 @ti.func
 def onward(kind: ti.template(), ear: Ear, a: f32x2, b: f32x2) -> f32x2:
-    """Return the end b of a way from a, where columns of the table go on round the world."""
+    """Return end b of a stretch from a, unwrapped so that columns continue round the world."""
     if ti.static(kind == PLACES):
         turn = WHOLE / ear.cell_lon
         b[0] -= ti.round((b[0] - a[0]) / turn) * turn
@@ -51,15 +51,16 @@ def onward(kind: ti.template(), ear: Ear, a: f32x2, b: f32x2) -> f32x2:
 
 @ti.func
 def near(kind: ti.template(), ear: Ear, a: f32x2, b: f32x2, stray: ti.f32) -> ti.i32:
-    """Return whether a bridge from a to b that strays [m] so far may come to where the table has
-    anything.
+    """Return 1 if a bridge from a to b with this spread [m] may come within the table.
+
+    a, b: table coordinates, see `where`.
     """
     found = 0
     if ti.static(kind == PLACES):
         far = FAR * stray / ear.between
         turn = WHOLE / ear.cell_lon
         middle = 0.5 * (ear.rings - 1)
-        # columns from the middle of the table, the short way round
+        # columns from the table's middle, the shorter way round
         x = 0.5 * (a[0] + b[0]) - middle
         x -= ti.round(x / turn) * turn
         wide = ti.abs(x) - 0.5 * ti.abs(b[0] - a[0]) <= middle + far
@@ -76,9 +77,7 @@ def near(kind: ti.template(), ear: Ear, a: f32x2, b: f32x2, stray: ti.f32) -> ti
 
 @ti.func
 def pod(kind: ti.template(), ear: Ear, pods: ti.template(), at: f32x2) -> ti.f32:
-    """Return the POD at a place as `where` gives it; pods: (rays * rings,), by place (rows *
-    columns,).
-    """
+    """Return the POD at table coordinates; pods: (rays * rings,) or (rows * columns,)."""
     found = 0.0
     if ti.static(kind == PLACES):
         turn = WHOLE / ear.cell_lon
@@ -108,16 +107,14 @@ def pod(kind: ti.template(), ear: Ear, pods: ti.template(), at: f32x2) -> ti.f32
 def hazard(
     kind: ti.template(), ear: Ear, pods: ti.template(), a: f32x2, b: f32x2, lasting: ti.f32
 ) -> ti.f32:
-    """Return what the hazard adds up to on a stretch of way from a to b (see `where`) in so many
-    seconds.
-    """
+    """Return the hazard accumulated on a stretch from a to b (see `where`) in `lasting` seconds."""
     total = 0.0
     if near(kind, ear, a, b, 0.0) == 1:
         d = b - a
         halves = 2.0 * ti.max(ti.abs(d[0]), ti.abs(d[1]))
         if ti.static(kind == ROUND):
             fine = 0.5 * ear.between
-            if ear.rays > 1:  # beside the sensor the bearing changes fast
+            if ear.rays > 1:  # close to the sensor the bearing changes fast
                 share = ti.min(ti.max(-a.dot(d) / ti.max(d.dot(d), 1e-12), 0.0), 1.0)
                 fine = ti.min(fine, ti.max(0.25 * (a + share * d).norm(), 0.03 * ear.between))
             halves = d.norm() / fine
@@ -129,22 +126,22 @@ def hazard(
 
 
 class Pods(NamedTuple):
-    """A table of POD at a time, on the host."""
+    """Table of POD at one time, on the host."""
 
     kind: int  # ROUND or PLACES
-    # float32 (rays, rings), rays evenly round from north, rings evenly; or (rows, columns), both
-    # ascending
+    # float32, (rays, rings): bearings evenly spaced from north, ranges evenly spaced; or (rows,
+    # columns), latitude and longitude ascending
     table: np.ndarray
-    between: float  # [m] from ring to ring; by place the lesser side of a cell where it is least
-    rate: float  # [1/s]: 1 / the time for which the POD is there
-    nearest: float = 0.0  # [m] of the first ring
-    middle: tuple[int, int] = (0, 0)  # lon, lat [binary angle] of the middle of the table by place
-    # [binary angle] of lon and lat from column to column, and row to row
+    between: float  # [m] between rings; by place the shortest side of any cell
+    rate: float  # [1/s] 1 / the time of exposure to which the POD refers
+    nearest: float = 0.0  # [m] range of the first ring
+    middle: tuple[int, int] = (0, 0)  # lon, lat of the table's middle [binary angle], by place
+    # [binary angle] spacing of columns and of rows
     cell: tuple[float, float] = (1.0, 1.0)
 
 
 def ear(stretch: Stretch, pods: Pods) -> Any:
-    """Return a sensor as kernels take it."""
+    """Return the sensor and its table's geometry as the `Ear` that kernels take."""
     rays, rings = pods.table.shape
     place, to = (stretch.place, stretch.to) if pods.kind == ROUND else (pods.middle, pods.middle)
     return Ear(

@@ -1,10 +1,9 @@
-"""What a passive sonar has heard of each particle: nothing, with a probability that grows smaller
-(kernels.evidence.jumps).
+"""Probability that a passive sonar has not detected each particle (kernels.evidence.jumps).
 
-Its signal excess depends on bearing and range. Particles and sonar go straight within a step; the
-vector from the sonar to a particle is exact at both ends of a stretch of way, and straight in
-between. A stretch is taken in parts, on either side of its nearest point, with the excess at their
-ends (the trapezium rule). How long they may be the tables say: see `limits`.
+The signal excess depends on bearing and range. Particles and sonar move straight within a step; the
+vector from the sonar to a particle is exact at both ends of a stretch, and linear in between. A
+stretch is integrated in parts on either side of its closest point of approach, with the excess at
+the ends of parts (trapezium rule). `limits` derives the longest allowed parts from the tables.
 """
 
 import math
@@ -18,61 +17,61 @@ from kernels.evidence.jumps import STAIRS, Silence
 from kernels.maths import sphere
 from kernels.runtime import bundle
 
-STEEP = 2.0  # [dB] by which losses, and gains, may change within a part
-HIDDEN = 0.4  # [dB] by which they may be better within a part than at its ends
-# [m] but parts need not be shorter than this, nor than half of what the table of losses resolves,
+STEEP = 2.0  # [dB] largest change of losses, and of gains, within a part
+HIDDEN = 0.4  # [dB] by which losses may be lower inside a part than at its ends
+# [m] parts need not be shorter than this, nor than half the spacing of the table's rings,
 FINE = 400.0
-# but for what comes near: they need not be shorter than this share of the least range
+# except close to the sonar, where the bound is this share of the least range
 NARROW = 0.025
-CLOSE = 40.0  # [m] nor than this
-MOST_PARTS = 256  # of a stretch; and they need not be shorter than its share
-# rings or bearings that a part is tried to pass, one after the other
+CLOSE = 40.0  # [m] or this, whichever is larger
+MOST_PARTS = 256  # most parts of a stretch, which bounds their length as well
+# numbers of rings or bearings that a part may pass, tried in this order
 AHEAD = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
-# ends of parts whose excess is taken before the silence is made to go on: so the processor need not
-# wait
+# ends of parts whose excess is computed before the silence is advanced, so that the processor need
+# not wait
 NODES = 16
-NOTHING = -1e6  # [dB] excess of what is beyond the table
-MARGIN = 100.0  # [m] by which what is out of reach is farther
+NOTHING = -1e6  # [dB] excess outside the table
+MARGIN = 100.0  # [m] safety margin of `reach`
 TURN = 6.283185307179586
 
 f32x2 = ti.types.vector(2, ti.f32)
 Nodes = ti.types.vector(NODES, ti.f32)
 HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
-# What a sonar is like on a stretch of its way: numbers, and where its tables have what.
+# A sensor on a stretch of its track: numbers, and the layout of its tables.
 Ear = ti.types.struct(
-    lon=ti.i32,  # [binary angle] where it begins the stretch, and where it ends it
+    lon=ti.i32,  # [binary angle] position at the begin, then at the end of the stretch
     lat=ti.i32,
     to_lon=ti.i32,
     to_lat=ti.i32,
     begin=ti.f32,  # [s after the step's begin]
     end=ti.f32,
-    rays=ti.i32,  # bearings of the table of losses, evenly round from north
-    rings=ti.i32,  # its ranges, evenly from `nearest`
+    rays=ti.i32,  # bearings of the table of losses, evenly spaced from north
+    rings=ti.i32,  # its ranges, evenly spaced from `nearest`
     nearest=ti.f32,  # [m]
-    between=ti.f32,  # [m] from ring to ring
+    between=ti.f32,  # [m] between rings
     dense=ti.f32,  # [1/m] 1 / between
     paces=ti.i32,  # speeds of the table of levels
     spread=ti.f32,  # [dB] standard deviation of the fluctuation
     unit=ti.f32,  # [1/dB] 1 / spread
-    # [1/s] of its jumps; of a table of POD (kernels.evidence.glimpse) 1 / the time for which that
-    # is there
+    # [1/s] of the fluctuation's jumps; for a table of POD (kernels.evidence.glimpse) 1 / the time
+    # of exposure to which the POD refers
     rate=ti.f32,
-    turns=ti.i32,  # bearings of the table of gains and limits, evenly round from north
+    turns=ti.i32,  # bearings of the table of gains and limits, evenly spaced from north
     reach=ti.f32,  # [m] beyond which nothing can be heard
-    moves=ti.f32,  # [m] as far as it goes on the stretch, or farther
-    # [binary angle] from column to column of a table of POD by place, whose middle is at lon, lat
+    moves=ti.f32,  # [m] upper bound of its movement on the stretch
+    # [binary angle] spacing of columns of a table of POD by place, whose middle is at lon, lat
     cell_lon=ti.f32,
-    cell_lat=ti.f32,  # from row to row
+    cell_lat=ti.f32,  # spacing of rows
 )
 
 
 @ti.func
 def share_of_turn(way: f32x2) -> ti.f32:
-    """Return the bearing of (east, north) as a share of a turn, at least 0 and below 1; error 1e-5
-    rad, 3 m at 300 km.
+    """Return the bearing of (east, north) as a share of a turn in [0, 1); error 1e-5 rad.
 
-    Abramowitz and Stegun 1964, Handbook of Mathematical Functions, eq. 4.4.47.
+    The error is 3 m at 300 km. Abramowitz and Stegun 1964, Handbook of Mathematical Functions, eq.
+    4.4.47.
     """
     x, y = ti.abs(way[0]), ti.abs(way[1])
     q = ti.min(x, y) / ti.max(ti.max(x, y), 1e-30)
@@ -88,9 +87,7 @@ def share_of_turn(way: f32x2) -> ti.f32:
 
 @ti.func
 def between(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, turn: ti.f32) -> ti.f32:
-    """Return what a table has at a share of a turn, straight between its entries, which go round
-    the circle.
-    """
+    """Return a table's value at a share of a turn, linear between entries round the circle."""
     found = table[at]
     if many > 1:
         place = turn * many
@@ -108,7 +105,7 @@ def between(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, turn
 def round_table(
     table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, bearing: ti.f32
 ) -> ti.f32:
-    """Return what a table has at a bearing [rad]: see `between`."""
+    """Return a table's value at a bearing [rad]: see `between`."""
     turned = bearing * ti.f32(1.0 / TURN)
     return between(table, many, stride, at, turned - ti.floor(turned))
 
@@ -122,12 +119,12 @@ def excess(
     way: f32x2,
     aside: ti.f32,
 ) -> f32x2:
-    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar, and how
-    long a part may be [m].
+    """Return (signal excess of a source of 0 dB [dB], longest part [m]) at a relative position.
 
-    losses: [dB] (rays + 1, rings), the last row as the first; around: (turns + 1, 2), array gain
-    less noise and threshold [dB] by true bearing, and the last of `limits`. aside: [m] by which its
-    line passes the sonar.
+    way: (east, north) [m] from the sonar. losses: [dB] (rays + 1, rings), the last row repeats the
+    first; around: (turns + 1, 2), array gain less noise and threshold [dB] by true bearing, and the
+    last part of `limits`. aside: [m] least distance of the particle's straight track from the
+    sonar.
     """
     far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
     ring = ti.max((far - ear.nearest) * ear.dense, 0.0)
@@ -155,8 +152,9 @@ def excess(
 
 @ti.func
 def level(levels: ti.template(), paces: ti.template(), scenario: ti.i32, speed: ti.f32) -> ti.f32:
-    """Return the source level [dB] of a scenario at a speed [m/s]; levels: (scenarios * speeds,),
-    paces: (speeds,).
+    """Return the source level [dB] of a scenario at a speed [m/s].
+
+    levels: [dB] (scenarios * speeds,); paces: [m/s] (speeds,).
     """
     many = paces.shape[0]
     k = 0
@@ -171,7 +169,7 @@ def level(levels: ti.template(), paces: ti.template(), scenario: ti.i32, speed: 
 
 @ti.func
 def audible(ear: Ear, limits: ti.template(), far: ti.f32, source: ti.f32) -> ti.i32:
-    """Return whether a source [dB] as far as this [m] or farther may be heard."""
+    """Return 1 if a source [dB] at this distance [m] or farther may be heard, else 0."""
     ring = (far - ear.nearest) * ear.dense
     found = 0
     if ring <= ear.rings - 1.0:
@@ -193,11 +191,11 @@ def hear(
     lasting: ti.f32,
     source: ti.f32,
 ):
-    """Have a silence go on for a stretch of way from a to b (east, north) [m] from the sonar, in so
-    many seconds.
+    """Advance a silence along a straight stretch from a to b, (east, north) [m] from the sonar.
 
-    source: its level, and what else the excess of all of it has in common [dB]; quiet: [s] before,
-    and then at the end, in which nothing can be heard and of which the silence does not yet know.
+    lasting: duration [s]. source: source level plus all other terms of the excess that are constant
+    on the stretch [dB]. quiet: inaudible time [s] that the silence has not been advanced by yet;
+    updated.
     """
     d = b - a
     dd = d[0] * d[0] + d[1] * d[1]
@@ -212,7 +210,7 @@ def hear(
         least = ti.max(fine * unit, 1.0 / MOST_PARTS)
         aside = ti.abs(a[1] * d[0] - a[0] * d[1]) * unit
         chances, parts = Nodes(0.0), Nodes(0.0)
-        # a card need not wait, and holds two numbers in registers
+        # a graphics card need not wait, and one node fits its registers
         nodes = ti.static(1 if bundle.alone() else NODES)
         here, before = 0.0, 0.0  # shares of the stretch
         while here <= 1.0:
@@ -240,14 +238,14 @@ def hear(
 
 @ti.func
 def taken(i: ti.i32, size: ti.i32, edges: ti.template(), held: ti.template()) -> Silence:
-    """Return the silence of particle i from its columns, but for its log; see `columns`."""
+    """Load the silence of particle i from its columns (see `columns`), with log 0."""
     silence = jumps.at_first()
     edge = edges[i]
     if edge > 0.0:
         silence.edge[0] = edge
         silence.held[0] = held[i]
         many = 1
-        # below an edge of 0 is none, and after the last stands -1
+        # no step lies below an edge of 0, and -1 marks the end
         while many < STAIRS and edge > 0.0:
             edge = edges[many * size + i]
             if edge >= 0.0:
@@ -266,7 +264,7 @@ def put(
     edges: ti.template(),
     held: ti.template(),
 ):
-    """Write the silence of particle i to its columns, and add its log to that there."""
+    """Store the silence of particle i in its columns and add its log to `log_missed`."""
     log = jumps.log_missed(silence)
     if log < 0.0:
         log_missed[i] += log
@@ -281,9 +279,7 @@ def put(
 
 @ti.func
 def to(ear: Ear, time: ti.f32, lon: ti.i32, lat: ti.i32) -> f32x2:
-    """Return the vector (east, north) [m] from where a sonar is at a time of its stretch to a place
-    [binary angle].
-    """
+    """Return the vector (east, north) [m] from the sonar at a time of its stretch to a position."""
     share = (time - ear.begin) / ti.max(ear.end - ear.begin, 1e-6)
     x = ear.lon + ti.cast(ti.round(share * ti.cast(ear.to_lon - ear.lon, ti.f32)), ti.i32)
     y = ear.lat + ti.cast(ti.round(share * ti.cast(ear.to_lat - ear.lat, ti.f32)), ti.i32)
@@ -294,10 +290,9 @@ def to(ear: Ear, time: ti.f32, lon: ti.i32, lat: ti.i32) -> f32x2:
 def out_of_reach(
     ear: Ear, lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32, stray: ti.f32
 ) -> ti.i32:
-    """Return 1 if nothing can be heard of what goes from one place [binary angle] to another and
-    strays [m] from that.
+    """Return 1 if a path between two positions [binary angle] is surely inaudible throughout.
 
-    It may be 0 then, too.
+    stray: [m] by which the path may leave the straight line. 0 means that it may be audible.
     """
     dx, dy = ti.abs(ti.cast(to_lon - lon, ti.f32)), ti.abs(ti.cast(to_lat - lat, ti.f32))
     moves = (dx + dy) * ti.f32(sphere.RADIUS * sphere.UNIT) + ear.moves
@@ -307,12 +302,12 @@ def out_of_reach(
 
 
 class Tables(NamedTuple):
-    """The tables of a sonar on a stretch of its way, on the host; see `excess` and `level`.
+    """Tables of a sonar on a stretch of its track, on the host; see `excess` and `level`.
 
-    All float32.
+    All arrays are float32.
     """
 
-    # [dB] (rays, rings), rays evenly round from north, rings evenly from `nearest`
+    # [dB] (rays, rings): bearings evenly spaced from north, ranges evenly spaced from `nearest`
     losses: np.ndarray
     nearest: float  # [m]
     between: float  # [m]
@@ -324,17 +319,18 @@ class Tables(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """A stretch of a sonar's way within a step."""
+    """A straight part of a sensor's track within a step."""
 
     begin: float  # [s after the step's begin]
     end: float
-    place: tuple[int, int]  # lon, lat [binary angle] where it begins
-    to: tuple[int, int]  # and where it ends
+    place: tuple[int, int]  # lon, lat [binary angle] at its begin
+    to: tuple[int, int]  # and at its end
 
 
 def columns(n: int, factors: int) -> dict[str, np.ndarray]:
-    """Return what a sonar that begins to listen keeps of n particles, for each factor of its
-    unknown, by name.
+    """Return the initial state of n particles for a sonar that starts to listen, by column name.
+
+    factors: quadrature nodes of the unknown that the sonar's group shares.
     """
     return {
         "log_missed": np.zeros(n * factors, np.float32),
@@ -344,14 +340,19 @@ def columns(n: int, factors: int) -> dict[str, np.ndarray]:
 
 
 def limits(tables: Tables) -> np.ndarray:
-    """Return the longest integration sub-step and the largest possible signal excess, float32 (2
-    rings + turns,).
+    """Return the longest integration sub-step and the largest possible signal excess.
 
-    For each ring, as far as one may go from between it and the next [m], in or out, so that losses
-    change by no more than STEEP and are nowhere lower by more than HIDDEN than at both ends, on any
-    bearing; for each ring, the highest excess of a source of 0 dB from it on; for each bearing, as
-    far as one may go round [rad] until the same holds for losses and gains. That goes by what lies
-    between entries; where it is nothing, a part is as short as `hear` makes them.
+    The array is float32, (2 rings + turns,):
+
+    - rings values: the longest radial distance [m] from between this ring and the next, inwards or
+      outwards, on which losses change by at most STEEP and nowhere are lower by more than HIDDEN
+      than at both ends, on any bearing;
+    - rings values: the highest excess of a source of 0 dB at this ring or farther;
+    - turns values: the largest change of bearing [rad] for which the same holds for losses and
+      gains.
+
+    They come from the values between entries of the tables. Where that allows no distance at all, a
+    part is as short as `hear` permits.
     """
     losses, gains = tables.losses, tables.gains
     rings, turns = losses.shape[1], _turns(tables)
@@ -372,15 +373,14 @@ def limits(tables: Tables) -> np.ndarray:
 
 
 def _free(rows: np.ndarray, many: int) -> np.ndarray:
-    """Return how many entries one may pass from between each and the next, either way, (many,); see
-    `limits`.
+    """Return how many entries may be passed from between each and the next, either way, (many,).
 
-    rows: tables side by side, (tables, AHEAD[-1] + many + AHEAD[-1] + 1).
+    rows: tables side by side, (tables, AHEAD[-1] + many + AHEAD[-1] + 1). See `limits`.
     """
     values, first = rows.astype(np.float64), AHEAD[-1]
     step = np.diff(values, axis=1)
-    # What crosses one entry: of a way of a share of the distance to the next, so much is hidden,
-    # and it changes so much.
+    # Parts that cross one entry: for a part of this share of the spacing, how much is hidden, and
+    # how much the value changes.
     before, after = step[:, :-1], step[:, 1:]
     turned = np.where(before * after < 0, 0.5 * np.minimum(np.abs(before), np.abs(after)), 0.0).max(
         axis=0
@@ -390,7 +390,7 @@ def _free(rows: np.ndarray, many: int) -> np.ndarray:
         1, np.maximum(turned / HIDDEN, np.maximum(steep[:-1], steep[1:]) / STEEP)
     )
     found = np.minimum(share[first - 1 : first - 1 + many], share[first : first + many])
-    # What passes more of them.
+    # Parts that pass several entries.
     up = np.cumsum(np.abs(np.diff(values, axis=1, prepend=values[:, :1])), axis=1)
     good = np.ones(many, bool)
     for ahead in AHEAD:
@@ -404,15 +404,13 @@ def _free(rows: np.ndarray, many: int) -> np.ndarray:
 
 
 def _turns(tables: Tables) -> int:
-    """Return how many bearings a table has that holds the gains as they are and is no coarser than
-    the losses.
-    """
+    """Return the number of bearings of `around`: a multiple of the gains', at least the losses'."""
     sides = len(tables.gains)
     return sides * math.ceil(len(tables.losses) / sides)
 
 
 class Laid(NamedTuple):
-    """A sonar on a stretch of its way, as kernels take it."""
+    """A sonar on a stretch of its track, as kernels take it."""
 
     ear: Any
     # losses, around (see `excess`), levels, speeds, offsets, limits, all flat
@@ -420,13 +418,13 @@ class Laid(NamedTuple):
 
 
 def laid(stretch: Stretch, tables: Tables, offsets: np.ndarray) -> Laid:
-    """Return a sonar on a stretch; offsets: [dB] (factors,), of the unknown that its group shares."""
+    """Return a sonar on a stretch; offsets: [dB] (factors,), nodes of its group's unknown."""
     rays, rings = tables.losses.shape
     own, turns = limits(tables), _turns(tables)
     gains = np.maximum(np.append(tables.gains, tables.gains[0]), NOTHING)
     gains = np.interp(np.arange(turns + 1) / turns, np.arange(len(gains)) / (len(gains) - 1), gains)
     around = np.stack([gains, np.append(own[2 * rings :], 0.0)], axis=1)
-    # What is audible at its loudest, as far as there is any.
+    # Farthest range at which the loudest source is audible, if any.
     best = own[rings : 2 * rings] + float(tables.levels.max()) + float(offsets.max())
     audible = int(np.count_nonzero(best > jumps.QUIET * tables.spread))
     reach = tables.nearest + tables.between * audible + MARGIN if audible else -1e9

@@ -1,17 +1,16 @@
-"""What a sensor that stands still tells of a target's way: a line that is manned, a field in which
-it is or is not.
+"""Probability that a target crosses a fixed line, or enters, leaves or stays in a fixed area.
 
-All is said of one *piece* of way, straight or a Brownian bridge between two places
-(kernels.steering.pieces): what drifts makes one piece a step, what steers makes several, which are
-cut to the window in which the sensor looks on. `observe` takes a piece and returns the probability
-that things stay as they are on it: that the line or the field is not touched, or that the target
-stays in the field. Pieces are independent of each other given their ends, so that the probabilities
-of all pieces multiply, whatever the step.
+Everything is computed for one *piece* of path, straight or a Brownian bridge between two positions
+(kernels.steering.pieces). A drifting particle has one piece per step; a steering target has
+several, which are cut to the window in which the sensor watches. `observe` takes a piece and
+returns the probability of no change on it: the line or area is not touched, or the target stays in
+the area. Given their ends, pieces are independent of each other, so that the probabilities of all
+pieces multiply, whatever the time step.
 
-Where the law of a straight line is not enough, the piece is cut in two at a place drawn from the
-law of the bridge's middle (Levy's construction: the mean of the ends and a normal deviation of K
-sqrt(dt) / 2), and so on. What comes out is then not the probability itself but a number of which it
-is the mean: weights are as right with it.
+Where the closed form for a straight line does not apply, the piece is halved at a random midpoint
+from the bridge's distribution (Levy's construction: the mean of the ends plus a normal deviation of
+K sqrt(dt) / 2), and so on. The result is then an unbiased random estimate of the probability, and
+weights stay correct.
 """
 
 from typing import Any, NamedTuple
@@ -28,18 +27,19 @@ from kernels.steering.pieces import NONE, Paths, Pieces, Straights
 from kernels.step import life, shore
 from kernels.step.coast import Ints, Reals
 
-DEPTH = 14  # times that a piece is cut in two: to parts of K sqrt(dt) / 128
-NODES = 1 << (DEPTH + 1)  # numbers of words for each piece of way
-CUTS = 64  # windows of a step that have random numbers of their own
-PARTS = 4.0  # parts of an error of time [1] in which the time of a touch is told
-# share of a piece's length by which its great circle leaves its box in longitude and latitude, at
-# most
+DEPTH = 14  # most halvings of a piece: to parts of K sqrt(dt) / 128
+NODES = 1 << (DEPTH + 1)  # random words reserved for each piece of path
+CUTS = 64  # windows of a step with random numbers of their own
+PARTS = 4.0  # intervals per standard error of the reported time
+# largest share of its length by which a piece's great circle leaves its box in longitude and
+# latitude
 BULGE = 0.05
 METRES = sphere.RADIUS * sphere.UNIT
 
-# What is asked of a piece. Of a line: is it touched. Of a box or disc: is it touched, or stayed in.
+# Events: a line is touched; a box is touched, or left; a disc is touched, or left.
 LINE, BOX, IN_BOX, DISC, IN_DISC = range(5)
-# What is asked besides: nothing; how a touch fits the time of a report; when the first touch was.
+# What `observe` returns besides: nothing; the fit of the touch with a reported time; the time of
+# the first touch.
 WHETHER, REPORT, WHEN = range(3)
 
 HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -50,17 +50,17 @@ Ends = ti.types.vector(DEPTH + 1, ti.f32)
 
 
 Sensor = ti.types.struct(
-    lon=ti.i32,  # [binary angle] middle of its plane
+    lon=ti.i32,  # [binary angle] centre of its plane
     lat=ti.i32,
-    turn_cos=ti.f32,  # of the angle by which its axes are turned, clockwise from north
+    turn_cos=ti.f32,  # of the rotation of its axes, clockwise from north
     turn_sin=ti.f32,
-    half_width=ti.f32,  # [m] of a box; the radius of a disc
+    half_width=ti.f32,  # [m] half width of a box; radius of a disc
     half_height=ti.f32,
-    west=ti.i32,  # [binary angle] the box in longitude and latitude that holds it
+    west=ti.i32,  # [binary angle] its bounding box
     south=ti.i32,
     width=ti.u32,
     height=ti.u32,
-    tau=ti.f32,  # [s] time of a report, and the standard deviation of its error
+    tau=ti.f32,  # [s] time of a report, then the standard deviation of its error
     error=ti.f32,
 )
 
@@ -69,8 +69,8 @@ Sensor = ti.types.struct(
 def _place(kind: ti.template(), sensor: ti.template(), lon: ti.i32, lat: ti.i32) -> f32x2:
     """Return a position in the plane of a sensor [m].
 
-    Of a box or disc that is the tangent plane of its middle, in which distances and bearings from
-    there are true. Of a line it is the gnomonic plane, in which great circles are straight.
+    For a box or disc this is the tangent plane at its centre, which keeps distances and bearings
+    from there. For a line it is the gnomonic plane, in which great circles are straight.
     """
     way = sphere.offset(sensor.lon, sensor.lat, lon, lat)
     if ti.static(kind == LINE):
@@ -83,10 +83,10 @@ def _place(kind: ti.template(), sensor: ti.template(), lon: ti.i32, lat: ti.i32)
 
 @ti.func
 def _stretched(kind: ti.template(), a: f32x2) -> ti.f32:
-    """Return by how much a variance is larger in the plane of a sensor than on the Earth.
+    """Return the factor by which a variance is larger in the plane of a sensor than on the Earth.
 
-    The gnomonic plane stretches by 1 / cos^2 outward and by 1 / cos across; this is the mean of
-    both: for a line 500 km to either side of its middle K is right to 0.2 %.
+    The gnomonic plane stretches by 1 / cos^2 outwards and by 1 / cos across; this is the mean of
+    both: for a line 500 km to either side of its middle K is correct to 0.2 %.
     """
     larger = 1.0
     if ti.static(kind == LINE):
@@ -97,7 +97,7 @@ def _stretched(kind: ti.template(), a: f32x2) -> ti.f32:
 
 @ti.func
 def _near(sensor: ti.template(), piece: ti.template()):
-    """Return whether a piece of way may come to where a sensor is."""
+    """Return whether a piece of path may come within the sensor's bounding box."""
     dlon, dlat = piece.to_lon - piece.lon, ti.cast(piece.to_lat - piece.lat, ti.f32)
     c = sphere.cos_lat(ti.max(ti.abs(piece.lat), ti.abs(piece.to_lat)))
     wide = ti.abs(ti.cast(dlon, ti.f32))
@@ -125,10 +125,9 @@ def _known(
     variance: ti.f32,
     corners: ti.template(),
 ) -> f32x4:
-    """Return what is known of a piece from a to b in a sensor's plane, see
-    kernels.evidence.touch.polyline.
+    """Return (state, p, before, after) of a piece from a to b; see kernels.evidence.touch.polyline.
 
-    p is the probability that things do not stay as they are.
+    p is the probability of a change: a touch, or leaving the area.
     """
     half = f32x2(sensor.half_width, sensor.half_height)
     told = ti.cast(touch.TOLD, ti.f32)
@@ -154,9 +153,7 @@ def _known(
 
 @ti.func
 def fit(time: ti.f32, sensor: ti.template()) -> ti.f32:
-    """Return the density [1/s] with which a touch at a time is reported when the sensor's report
-    says.
-    """
+    """Return the density [1/s] of the sensor's reported time if the touch was at `time`."""
     z = (time - sensor.tau) / sensor.error
     return ti.exp(-0.5 * z * z) * 0.3989422804014327 / sensor.error
 
@@ -165,11 +162,11 @@ def fit(time: ti.f32, sensor: ti.template()) -> ti.f32:
 def _fits(
     sensor: ti.template(), known: f32x4, variance: ti.f32, begin: ti.f32, lasting: ti.f32
 ) -> ti.f32:
-    """Return the integral of the density of the first touch on a piece, times how it fits the
-    report [1/s].
+    """Return the integral of the first touch's density times the report's over a piece [1/s].
 
-    Where the piece goes straight, its touch has one time. Else the fit is taken in the middle of
-    parts of a fourth of the report's error; beyond six errors there is none.
+    On a straight piece the touch has one possible time. Otherwise the report's density is taken at
+    the middle of intervals of a fourth of its standard error; beyond six standard errors it is
+    zero.
     """
     before, after = known[2], known[3]
     total = 0.0
@@ -202,16 +199,16 @@ def observe(
     corners: ti.template(),
     key,
 ) -> f32x3:
-    """Return (stays, fits, when) of one piece of way.
+    """Return (stays, fits, when) of one piece of path.
 
-    kind: what is asked, LINE to IN_DISC; besides: WHETHER, REPORT or WHEN. piece: a
+    kind: the event, LINE to IN_DISC; besides: WHETHER, REPORT or WHEN. piece: a
     kernels.steering.pieces.Piece; sensor: a `Sensor`; corners: of a line or box in its plane, (x,
-    y, x, y, ...) [m]. key: of chance, with seed0, seed1, slot, step, and count, the number of the
-    piece in the step: a kernels.steering.itinerary.Chance.
+    y, x, y, ...) [m]. key: of the random numbers, a kernels.steering.itinerary.Chance, whose count
+    is the number of the piece in the step.
 
-    stays: the probability that things stay as they are on the piece. fits: of REPORT, the integral
-    over the piece of the density of the first touch times that of the report, given the touch
-    [1/s]. when: of WHEN, the time of the first touch, drawn from its law; -1: there was none.
+    stays: the probability of no change on the piece. fits: with REPORT, the integral over the piece
+    of the density of the first touch times that of the report given the touch [1/s]. when: with
+    WHEN, the time of the first touch, sampled from its distribution; -1: no touch.
     """
     stays, fits, when = 1.0, 0.0, -1.0
     near = _near(sensor, piece)
@@ -257,7 +254,7 @@ def observe(
                     node, depth, size = node >> 1, depth - 1, 2.0 * size
                 if node == 1:
                     node = 0
-                else:  # on to the other half of the piece above
+                else:  # go on with the other half of the parent
                     node += 1
                     right_x[depth], right_y[depth] = right_x[depth - 1], right_y[depth - 1]
     return f32x3(stays, fits, when)
@@ -267,11 +264,11 @@ def observe(
 def told_by(
     besides: ti.template(), log_stayed: ti.f32, told: ti.f32, found: f32x3, since: ti.f32
 ) -> ti.f32:
-    """Return what a sensor tells of a way with one more piece.
+    """Return the sensor's reading of a path extended by one more piece.
 
-    log_stayed: the log of the probability that things had stayed as they were before the piece.
-    told: what it has told of the way before, 0 (REPORT) or -1 (WHEN) at first. found: of the piece,
-    see `observe`; since: what the times of the piece count from [s after the run's start].
+    log_stayed: log of the probability of no change before the piece. told: the reading so far, at
+    first 0 (REPORT) or -1 (WHEN). found: result of `observe` for the piece; since: origin of the
+    piece's times [s after the run's start].
     """
     now = told
     if ti.static(besides == REPORT):
@@ -284,9 +281,7 @@ def told_by(
 
 @ti.func
 def _words(key, node: ti.i32):
-    """Return the random words of a node of a piece of way: 1 is the whole, 2 n and 2 n + 1 the
-    halves of n.
-    """
+    """Return random words for a node of a piece; 1: the whole, 2 n and 2 n + 1: the halves of n."""
     return noise.further(
         key.seed0, key.seed1, noise.STREAM_TOUCH, key.slot, key.step, key.count * NODES + node
     )
@@ -294,16 +289,13 @@ def _words(key, node: ti.i32):
 
 @ti.func
 def _first(known: f32x4, variance: ti.f32, normal: ti.f32, uniform: ti.f32) -> ti.f32:
-    """Return the share of a piece after which a bridge that touches a line first does so."""
+    """Sample at which share of a piece a bridge that touches a line does so for the first time."""
     before, after = ti.abs(known[2]), ti.abs(known[3])
     return shore.landing(before / ti.max(before + after, 1e-30), before, variance, normal, uniform)
 
 
 def _observing(Ways: Any, steers: bool) -> Any:
-    """Return the kernel for paths of one kind:
-
-    `Straights` of what drifts, or `Pieces` of what steers.
-    """
+    """Return the kernel for one kind of path: `Straights` (drifting) or `Pieces` (steering)."""
 
     @ti.kernel
     def _observe(
@@ -350,7 +342,7 @@ def _observing(Ways: Any, steers: bool) -> Any:
                 if not there:
                     here = NONE
                 if ti.static(kind == IN_BOX or kind == IN_DISC):
-                    if here == NONE and state <= life.PENDING:  # else it is still under way
+                    if here == NONE and state <= life.PENDING:  # otherwise it is still under way
                         stays = 0.0
             while here != NONE and stays > 0.0 and log_stayed > -ti.math.inf:
                 piece = pieces.load_piece(
@@ -364,7 +356,7 @@ def _observing(Ways: Any, steers: bool) -> Any:
                         paths.piece_count[here] * CUTS + count,
                     )
                     if ti.static(kind == IN_BOX or kind == IN_DISC):
-                        # it got under way later
+                        # it got under way after the window began
                         if here == i and piece.begin > 0.0 and piece.begin < whole:
                             stays = 0.0
                     if piece.begin < 0.0:
@@ -392,7 +384,7 @@ _drifting, _steering = _observing(Straights, False), _observing(Pieces, True)
 
 
 class Shape(NamedTuple):
-    """Where a sensor sees, on the host; see `Sensor`."""
+    """The area or line that a sensor watches, on the host; see `Sensor`."""
 
     kind: int
     lon: int
@@ -408,7 +400,7 @@ class Shape(NamedTuple):
 class Window(NamedTuple):
     """A part of a lattice step."""
 
-    step: int  # its number, the key of its noise
+    step: int  # number of the step, a key of its random numbers
     count: int  # number of the part in the step
     since: int  # [s after the run's start]
     lasting: int  # [s]
@@ -427,23 +419,23 @@ def observe_along(
     stayed: Any,
     told: Any,
 ) -> None:
-    """Add what a sensor tells of particles along their paths, over a part of the step just made.
+    """Add a sensor's reading of particles along their paths, over a part of the last step.
 
     Args:
         ensemble: a drift.engine.particles.ensemble.Ensemble, after the step.
-        paths: of some of its particles: of what drifts over the part alone, of what steers over the
-            whole step.
-        before: lon, lat [binary angle] at the begin of the part, on the device. Paths of what
-            steers are cut there.
-        after: lon, lat at its end.
+        paths: paths of some of its particles. Those of drifting particles cover the part only,
+            those of steering targets the whole step.
+        before: lon, lat [binary angle] at the begin of the part, on the device; paths of steering
+            targets are cut there.
+        after: lon, lat [binary angle] at its end.
         window: the part.
-        k: K of the bridges of what drifts [m/sqrt(s)].
-        shape: of the sensor.
+        k: K of the bridges of drifting particles [m/sqrt(s)].
+        shape: what the sensor watches.
         besides: WHETHER, REPORT or WHEN.
-        report: its time [s after the run's start] and its error [s].
-        stayed: device (n,), the log of the probability that things have stayed as they were.
-        told: device (n,), of REPORT the sum of the fits [1/s], of WHEN the time of the first touch
-            [s], -1 before it; any column of WHETHER.
+        report: time of the report [s after the run's start] and its standard error [s].
+        stayed: device (n,), log of the probability of no change; updated.
+        told: device (n,), updated: with REPORT the sum of the fits [1/s], with WHEN the time of the
+            first touch [s], -1 before it; not used with WHETHER.
     """
     e, kernel = ensemble, _steering if paths.steers else _drifting
     kernel(
@@ -471,8 +463,9 @@ def observe_along(
 
 
 def sensor(shape: Shape, window: Window, report: tuple[float, float]) -> Any:
-    """Return a sensor as the kernels take it, with times from the window's begin on; report: its
-    time and error [s].
+    """Return a sensor as kernels take it, with times from the window's begin.
+
+    report: its time and standard error [s].
     """
     west, south, width, height = shape.box
     return Sensor(

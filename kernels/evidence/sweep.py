@@ -1,15 +1,15 @@
-"""What a sensor's track has done to each particle: its exposure, and what that makes of weights.
+"""Exposure of particles to a sensor's track, and the update of weights by it.
 
-A stretch of a step is given by nodes: times [s after the stretch's begin] and places of the sensor,
-straight in between. A particle's path is pieces (kernels.steering.pieces): what drifts goes
-straight from where the stretch began to where it ended. All is worked out in the frame of the
-particle, in metres.
+A stretch of a step is given by nodes: times [s after the stretch's begin] and positions of the
+sensor, straight in between. A particle's path consists of pieces (kernels.steering.pieces): a
+drifting particle moves straight from its position at the begin of the stretch to that at its end.
+Everything is computed relative to the particle, in metres.
 
-On a Brownian bridge a target has no finite length of track, so that a hazard per unit of relative
-track would grow without bound as steps shrink. The hazard is one per time instead, of the speed of
-the sensor against the mean velocity of the target's leg, at the place where the bridge has the
-target. Where that place matters, near the sensor or an edge, the piece is halved again and again,
-until the bridge strays by less than a quarter of the range.
+On a Brownian bridge a target's track has no finite length, so that a hazard per unit of relative
+track would grow without bound as steps shrink. Instead, the hazard is per time, with the speed of
+the sensor relative to the mean velocity of the target's leg, at the bridge's position. Where that
+position matters, near the sensor or an edge, the piece is halved repeatedly until the bridge's
+spread is below a quarter of the range.
 """
 
 from typing import Any, NamedTuple
@@ -26,17 +26,17 @@ from kernels.step.coast import Ints, Reals
 
 METRES = sphere.RADIUS * sphere.UNIT
 TINY = 1e-30
-STRAY = 0.25  # most that a bridge may stray within a part, in ranges
-FINE = 0.1  # the same in units of the sensor's own scale, however near it is
-UNKNOWN = np.zeros(1, np.float32)  # a scale that no kernel asks for
-NEARS, ADDS = range(2)  # what is asked of a part of a path: how near it comes, what it adds up to
+STRAY = 0.25  # largest spread of a bridge within a part, as a share of the range
+FINE = 0.1  # the same as a share of the sensor's own length scale, however near it is
+UNKNOWN = np.zeros(1, np.float32)  # placeholder for a scale that the kernel does not read
+NEARS, ADDS = range(2)  # passes over a part of a path: least range; exposure
 
 f32x2 = ti.types.vector(2, ti.f32)
 HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
 HostInts = ti.types.ndarray(dtype=ti.i32, ndim=1)
 
 CUBE, ABEAM, ZONES, INSIDE = range(4)  # kinds of exposure
-# What an exposure means: a hazard, a share of time inside, or the log of a miss by factor of W.
+# Meaning of an exposure: a hazard, a share of time inside, or the log of a miss by factor of W.
 HAZARD, SHARE, MISS = range(3)
 
 
@@ -60,9 +60,9 @@ def hazard(a: f32x2, b: f32x2, far_a: ti.f32, far_b: ti.f32) -> ti.f32:
 
     far_a, far_b: the lengths of a and b.
 
-    It is 1/2 1/x^2 [s / r] between the ends, x the lateral range; written as the field of a wire,
-    |b - a| (ra + rb) / (2 ra rb (ra rb + a.b)), it needs no lateral range and loses no digits where
-    that is small.
+    The integral is 1/2 1/x^2 [s / r] between the ends, x the lateral range. Written like the field
+    of a straight wire, |b - a| (ra + rb) / (2 ra rb (ra rb + a.b)), it needs no lateral range and
+    keeps its digits where that is small.
     """
     d = b - a
     product, dot = far_a * far_b, a[0] * b[0] + a[1] * b[1]
@@ -80,8 +80,7 @@ def hazard(a: f32x2, b: f32x2, far_a: ti.f32, far_b: ti.f32) -> ti.f32:
 
 @ti.func
 def lateral(a: f32x2, b: f32x2, along_a: ti.f32, along_b: ti.f32) -> ti.f32:
-    """Return the lateral range [m] of the relative track from a to b, or -1 if the particle never
-    comes abeam.
+    """Return the lateral range [m] of the relative track from a to b, or -1 without a pass abeam.
 
     along_a, along_b: distance along the leg's own course from the particle to the sensor. The
     particle is abeam where its sign changes; 0 counts as positive, so that a pass at the joint of
@@ -96,7 +95,7 @@ def lateral(a: f32x2, b: f32x2, along_a: ti.f32, along_b: ti.f32) -> ti.f32:
 
 @ti.func
 def within(a: f32x2, b: f32x2, radius: ti.f32) -> ti.f32:
-    """Return the share of the way from a to b that lies within a radius [m] of the origin."""
+    """Return the share of the segment from a to b that lies within a radius [m] of the origin."""
     d = b - a
     dd, ad, aa = d[0] * d[0] + d[1] * d[1], a[0] * d[0] + a[1] * d[1], a[0] * a[0] + a[1] * a[1]
     share = ti.cast(aa < radius * radius, ti.f32)
@@ -112,7 +111,7 @@ def within(a: f32x2, b: f32x2, radius: ti.f32) -> ti.f32:
 
 @ti.func
 def inside(a: f32x2, b: f32x2, ring: ti.template()) -> ti.f32:
-    """Return the share of the way from a to b that lies inside a ring of corners.
+    """Return the share of the segment from a to b that lies inside a polygon.
 
     ring: (x, y, x, y, ...) [m], counterclockwise, not closed.
     """
@@ -123,11 +122,11 @@ def inside(a: f32x2, b: f32x2, ring: ti.template()) -> ti.f32:
     for k in range(corners):
         qx, qy = ring[2 * k], ring[2 * k + 1]
         ex, ey = qx - px, qy - py
-        # The parity of crossings of a ray to the east from a says whether a lies inside.
+        # The parity of crossings of a ray eastward from a tells whether a lies inside.
         if (py > a[1]) != (qy > a[1]):
             if (a[0] - px) < ex * (a[1] - py) / ey:
                 within_a = 1 - within_a
-        # Where the way crosses this edge, it enters the ring if it passes to the edge's left.
+        # Where the segment crosses this edge, it enters the ring if it passes to the edge's left.
         side_a, side_b = ex * (a[1] - py) - ey * (a[0] - px), ex * (b[1] - py) - ey * (b[0] - px)
         if (side_a < 0.0) != (side_b < 0.0):
             at = side_a / (side_a - side_b)
@@ -145,9 +144,10 @@ def inside(a: f32x2, b: f32x2, ring: ti.template()) -> ti.f32:
 
 @ti.func
 def chance(curve: ti.template(), x: ti.f32) -> ti.f32:
-    """Return a lateral range curve (range, chance, range, chance, ...) at the range x.
+    """Return the detection probability of a lateral range curve at the range x.
 
-    It is linear in between and zero beyond the last range.
+    curve: (range, probability, range, probability, ...), linear in between, zero beyond the last
+    range.
     """
     last = curve.shape[0] // 2 - 1
     found = 0.0
@@ -181,10 +181,10 @@ def piece(
     size: ti.i32,
     i: ti.i32,
 ) -> ti.f32:
-    """Return what a piece from a to b adds up to; passes abeam are written to particle i at once.
+    """Return the exposure of a piece from a to b; passes abeam are written to particle i directly.
 
-    lasting [s]; first, last: where `course` has the leg's direction at its begin and end. own,
-    scales: where `scale` has the numbers of the particle's scenario, and how many.
+    lasting [s]; first, last: indices in `course` of the leg's direction at the piece's begin and
+    end. own, scales: index in `scale` of the particle's scenario, and how many numbers it has.
     """
     found = 0.0
     if ti.static(kind == CUBE):
@@ -220,7 +220,7 @@ def _at(
     place: ti.template(),
     trig: ti.template(),
 ) -> f32x2:
-    """Return the way [m] from the sensor at a node to a particle at a share of its way."""
+    """Return the vector [m] from the sensor at a node to a particle at a share of its path."""
     at_x, at_y = _target(polar, x, y, to_x, to_y, share)
     way = f32x2(0.0)
     if ti.static(polar):
@@ -234,7 +234,7 @@ def _at(
 
 @ti.func
 def _target(polar: ti.template(), x: ti.i32, y: ti.i32, to_x: ti.i32, to_y: ti.i32, share: ti.f32):
-    """Return where a particle is at a share of its way."""
+    """Return the position of a particle at a share of its path."""
     at_x, at_y = to_x, to_y
     if share < 1.0:
         at_x, at_y = curve.end_of_way(
@@ -245,9 +245,7 @@ def _target(polar: ti.template(), x: ti.i32, y: ti.i32, to_x: ti.i32, to_y: ti.i
 
 @ti.func
 def _relative_polar(x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32) -> f32x2:
-    """Return what `relative` does, near a pole: along the great circle, carried to the meridian of
-    0.
-    """
+    """Return `relative` near a pole: along the great circle, rotated to the meridian of 0."""
     return sphere.carried_back(
         sphere.offset_near(at_lon, at_lat, x, y), sphere.meridian(at_lon, at_lat)
     )
@@ -268,14 +266,14 @@ def apart(
     place: ti.template(),
     trig: ti.template(),
 ) -> f32x2:
-    """Return the vector [m] from the sensor to a particle, at a time within piece k.
+    """Return the vector [m] from the sensor to a particle, at a time within piece k of the track.
 
-    The particle moves at a pace once it leaves.
+    The particle starts at the time `leaves`; pace: 1 / the duration of its path [1/s].
     """
     share = ti.min(ti.max((when - leaves) * pace, 0.0), 1.0)
     node = k + ti.cast(when == time[k + 1], ti.i32)
     way = _at(polar, x, y, to_x, to_y, share, node, place, trig)
-    # cut by the particle's own times: along the great circle, to second order
+    # the particle's own times cut the piece: along the great circle, to second order
     if when != time[node]:
         part = (when - time[k]) / (time[k + 1] - time[k])
         at_x, at_y = _target(polar, x, y, to_x, to_y, share)
@@ -306,10 +304,10 @@ def _range(
     course: ti.template(),
     table: ti.template(),
 ) -> ti.f32:
-    """Return how far [m] the way from a to b stays from where it matters to a sensor.
+    """Return the distance [m] that the segment from a to b keeps from where detection changes.
 
-    That is the sensor itself; of a watch the edges of its zones; of an area its outline; of a
-    sensor that counts passes abeam the line abeam of it, if it is within range.
+    That place is the sensor itself; for zones their edges; for an area its outline; for a sensor
+    that counts passes abeam the line abeam of it, if within range.
     """
     d = b - a
     dd = ti.max(d[0] * d[0] + d[1] * d[1], 1e-12)
@@ -340,7 +338,7 @@ def _range(
         along_a = -(a[0] * course[first] + a[1] * course[first + 1])
         along_b = -(b[0] * course[last] + b[1] * course[last + 1])
         beyond = near - table[table.shape[0] - 2]
-        # a pass out of range counts too: none after it does
+        # a pass out of range counts as well: no later pass on the leg does
         near = ti.min(ti.abs(along_a), ti.abs(along_b))
         if (along_a < 0.0) != (along_b < 0.0):
             near = ti.max(beyond, 0.0)
@@ -364,11 +362,10 @@ def _pass(
     size: ti.i32,
     i: ti.i32,
 ):
-    """Write the log of a miss where a part of a bridge from a to b comes abeam of a leg for the
-    first time.
+    """Write the log miss probability where a part of a bridge first comes abeam of a leg.
 
     A Brownian bridge crosses the abeam line infinitely often; only the first crossing on each leg
-    is counted. number: of the leg; the rest is as in `piece`.
+    is counted. number: of the leg; other arguments as in `piece`.
     """
     along_a = a[0] * course[first] + a[1] * course[first + 1]
     along_b = b[0] * course[last] + b[1] * course[last + 1]
@@ -397,8 +394,9 @@ def _all_along(
     size: ti.i32,
     i: ti.i32,
 ) -> ti.f32:
-    """Return what the whole track adds up to for a particle that goes straight all the while, a
-    fifth faster.
+    """Return the exposure to the whole track of a particle that moves straight throughout.
+
+    This common case is a fifth faster than the general one.
     """
     total, pace = 0.0, 1.0 / ti.max(way.end - way.begin, 1e-6)
     x, y, to_x, to_y = way.lon, way.lat, way.to_lon, way.to_lat
@@ -426,15 +424,12 @@ def _all_along(
                 size,
                 i,
             )
-        a, far_a = b, far_b  # each piece hands its end on to the next one
+        a, far_a = b, far_b  # the end of a piece is the begin of the next one
     return total
 
 
 def _exposing(Ways: Any, steers: bool) -> Any:
-    """Return the kernel for paths of one kind:
-
-    `Straights` of what drifts, or `Pieces` of what steers.
-    """
+    """Return the kernel for one kind of path: `Straights` (drifting) or `Pieces` (steering)."""
 
     @ti.kernel
     def _expose(
@@ -483,7 +478,7 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                     way = pieces.load_piece(
                         steers, paths, i, MOVES, state, status_since[i], elapsed, duration, shore
                     )
-                    if way.begin <= time[0] and way.end >= time[nodes]:  # as most do
+                    if way.begin <= time[0] and way.end >= time[nodes]:  # the common case
                         total, here = (
                             _all_along(
                                 kind,
@@ -549,7 +544,8 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                                             halve = 1
                                     elif way.k > 0.0:
                                         if ti.static(kind == CUBE):
-                                            # Past the middle of the part, at the speed of the leg.
+                                            # Passes the middle of the part at the relative speed of
+                                            # the leg.
                                             s0 = apart(
                                                 polar,
                                                 x,
@@ -642,19 +638,19 @@ _drifting, _steering = _exposing(Straights, False), _exposing(Pieces, True)
 
 
 class Track(NamedTuple):
-    """A sensor's way through a stretch of a step, or one place of it.
+    """A sensor's track through a stretch of a step, or a single position, on the host.
 
-    It has k + 1 nodes and k straight pieces, and lies on the host.
+    It has k + 1 nodes and k straight pieces.
     """
 
     time: np.ndarray  # float32 [s after the step's begin], (k + 1,), ascending
     place: np.ndarray  # int32 binary angle, lon and lat of each node, (2 (k + 1),)
-    # float32, of each node the cosine of its latitude and `bend`, see `relative`, (2 (k + 1),)
+    # float32, cosine of latitude and `bend` (see `relative`) of each node, (2 (k + 1),)
     trig: np.ndarray
-    # float32, the leg's course east and north at begin and end of each piece, (4 k,)
+    # float32, the leg's course (east, north) at begin and end of each piece, (4 k,)
     course: np.ndarray
     searching: np.ndarray  # int32, (k,): 1 where it searches
-    leg: np.ndarray  # int32, (k,): number of the leg of which it is a part, from 1
+    leg: np.ndarray  # int32, (k,): number of the leg that it belongs to, from 1
 
 
 def expose(
@@ -669,18 +665,25 @@ def expose(
     unit=None,
     passed=None,
 ) -> None:
-    """Add to the exposure of particles what a sensor does along their paths in the step just made.
+    """Add the exposure of particles to a sensor along their paths in the last step, in place.
 
-    ensemble: a drift.engine.particles.ensemble.Ensemble, after the step; paths: of some of its
-    particles. Times of the track count from the begin of these. kind: CUBE adds the integral of ds
-    / 2 r^3 [1/m2], where scale is above 0; ABEAM the log of a miss wherever it comes abeam, for
-    each factor of W, table a lateral range curve and scale 1 / W by factor [1/m], 0 for what is not
-    seen; ZONES hazards, table radii in pairs [m] and scale rates [1/s]; INSIDE the time inside the
-    ring `table` [m] round the track, times scale. scale: numbers (m,), or by scenario of the run
-    (scenarios, m). exposure: device, (n,), for ABEAM (factors * n,). shore: whether what lies
-    ashore or has run aground is seen. unit, passed: of what steers. unit [m]: by scenario, the
-    range below which nothing finer matters to the sensor. passed: device, float32 (n,): for ABEAM,
-    number of the leg on which each target has last been passed.
+    Args:
+        ensemble: a drift.engine.particles.ensemble.Ensemble, after the step.
+        paths: paths of some of its particles; times of the track count from their begin.
+        kind: CUBE adds the integral of ds / 2 r^3 [1/m2] where scale is above 0; ABEAM the log of a
+            miss at each pass abeam, for each factor of W; ZONES hazards; INSIDE the time inside an
+            area, times scale.
+        track: the sensor's track.
+        table: ABEAM: a lateral range curve; ZONES: radii in pairs [m]; INSIDE: corners of the area
+            [m] round the track.
+        scale: numbers (m,), or by scenario of the run (scenarios, m). ABEAM: 1 / W by factor [1/m],
+            0 for invisible targets; ZONES: rates [1/s].
+        exposure: on the device, (n,), for ABEAM (factors * n,).
+        shore: whether stranded and grounded particles are visible.
+        unit: for steering targets, by scenario: the range [m] below which the sensor resolves
+            nothing finer.
+        passed: for steering targets and ABEAM, on the device, float32 (n,): number of the leg on
+            which each target was last passed.
     """
     e, scale = ensemble, np.asarray(scale, np.float32)
     stride = scale.shape[1] if scale.ndim == 2 else 0
@@ -716,7 +719,7 @@ def expose(
 
 @ti.func
 def _whole(share: ti.f32) -> ti.f32:
-    """Return a share of time, 1 where it is all of it but for rounding."""
+    """Return a share of time, set to 1 where only rounding keeps it below 1."""
     return 1.0 if share > 1.0 - 1e-5 else share
 
 
@@ -729,8 +732,9 @@ def _log_miss(
     other: ti.f32,
     other_coefficient: ti.f32,
 ) -> ti.f32:
-    """Return the log of a miss of what was adrift; both: and under way, with an exposure and
-    coefficient of its own.
+    """Return the log miss probability of one particle.
+
+    both: whether the exposure while under way (`other`, `other_coefficient`) counts as well.
     """
     miss = exposure
     if ti.static(meaning == HAZARD):
@@ -777,7 +781,7 @@ def _fail(
                 )
             elif log_weight[i] > -ti.math.inf:
                 # The weight changes by the ratio of two means over the factor: of the product of
-                # all misses so far, after and before this one.
+                # all misses so far, with and without this one.
                 top_before = top_after = ti.f32(-ti.math.inf)
                 mean_before = mean_after = 0.0
                 for f in range(factors):
@@ -816,15 +820,20 @@ def fail(
     log_weight: Any,
     also: tuple[Any, np.ndarray] | None = None,
 ) -> None:
-    """Multiply all weights by the chance that a sortie missed each particle, in place.
+    """Multiply all weights by the probability that a sortie missed each particle, in place.
 
-    scenario: device (n,), to which each slot belongs. meaning: of exposure: HAZARD (miss =
-    exp(-exposure * coefficient)), SHARE (miss = 1 - exposure * coefficient), or MISS (the log of
-    the miss itself, one column a factor). coefficient: by scenario and factor of the sweep width,
-    (scenarios, factors); a scenario that has none above 0 was not searched. chances: by factor,
-    (factors,). shared: device (factors * n,), the logs of the misses of all sorties that share the
-    unknown factor, so far; used only for several factors, whose mean is taken after their product.
-    also: exposure of what was under way, and coefficients of the same shape; None: nothing was.
+    Args:
+        scenario: device (n,), the scenario of each slot.
+        meaning: of exposure. HAZARD: miss = exp(-exposure * coefficient); SHARE: miss = 1 -
+            exposure * coefficient; MISS: the log of the miss itself, one column per factor.
+        exposure: device (n,), for MISS (factors * n,).
+        coefficient: by scenario and factor of the sweep width, (scenarios, factors); a scenario
+            without one above 0 was not searched.
+        chances: probability of each factor, (factors,).
+        shared: device (factors * n,), logs of the misses so far of all sorties that share the
+            unknown factor. Used only with several factors: the mean is taken after their product.
+        log_weight: device (n,), updated.
+        also: exposure while under way and its coefficients, of the same shapes; None: none.
     """
     other, by = also or (exposure, coefficient)
     coefficients, others, each = runtime.residents(

@@ -1,28 +1,28 @@
-"""Whether a Brownian bridge touches a line, and when first; whether it stays in a strip, a box or a
-disc.
+"""Brownian bridges and boundaries: probability and time of the first touch of a line.
 
-All lies in a plane, in metres. A bridge goes from one place to another and wanders about the
-straight way between them with a variance K^2 dt that a free walk of as long would have: midway it
-has a quarter of that, in each component. Variance 0 is the straight way itself. Laws of the bridge
-and a line: Karatzas and Shreve 1991, Brownian Motion and Stochastic Calculus, eq. 4.3.40; Nunez,
-Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, eqs. 10 and 11.
+Also the probability that a bridge stays in a strip, a box or a disc. Everything lies in a plane, in
+metres. A bridge connects two positions and deviates from the straight line between them; `variance`
+is K^2 dt, that of a free walk of the same duration. Midway the deviation has a quarter of it, in
+each component. Variance 0 is the straight line itself. Distributions of the bridge and a line:
+Karatzas and Shreve 1991, Brownian Motion and Stochastic Calculus, eq. 4.3.40; Nunez, Singham and
+Atkinson 2020, doi:10.1080/01605682.2019.1570806, eqs. 10 and 11.
 
-`polyline` and `disc` say whether the law of one straight line is enough for a piece of way. Where
-it is not, near an end or a corner of a line, or where a circle bends, `kernels.evidence.observe`
-cuts the piece in two.
+`polyline` and `disc` decide whether the formula for one straight line is accurate for a piece of
+path. Where it is not, near an end or a corner of a line, or on a curved part of a circle,
+`kernels.evidence.observe` halves the piece.
 """
 
 import taichi as ti
 
 from kernels.maths import angles
 
-# a bridge goes farther than REACH K sqrt(dt) from its straight way with probability exp(-2 REACH^2)
+# a bridge leaves its straight line by more than REACH K sqrt(dt) with probability exp(-2 REACH^2)
 REACH = 3.0
-SLIGHT = 1e-7  # probability of a touch that does not count
-# a circle is taken for its tangent by bridges that go at most this share of its radius
+SLIGHT = 1e-7  # probability of a touch that is neglected
+# a circle counts as its tangent for bridges up to this share of its radius
 FLAT = 0.125
 
-# what is known of a piece: it touches nothing; its law is a line's; it must be cut
+# state of a piece: touches nothing; a line's formula applies; must be halved
 FAR, TOLD, OPEN = range(3)
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -31,8 +31,9 @@ f32x4 = ti.types.vector(4, ti.f32)
 
 @ti.func
 def line(before: ti.f32, after: ti.f32, variance: ti.f32) -> ti.f32:
-    """Return the probability that a bridge touches a line, from distances [m] with signs at its
-    begin and its end.
+    """Return the probability that a bridge touches a line.
+
+    before, after: signed distances [m] from the line at the bridge's begin and end.
     """
     touched = 1.0
     if before * after > 0.0:
@@ -44,8 +45,9 @@ def line(before: ti.f32, after: ti.f32, variance: ti.f32) -> ti.f32:
 
 @ti.func
 def _tail(z: ti.f32) -> ti.f32:
-    """Return exp(z^2) erfc(z) for z >= 0, relative error 1.2e-7 (Press et al. 1992, Numerical
-    Recipes, section 6.2).
+    """Return exp(z^2) erfc(z) for z >= 0, relative error 1.2e-7.
+
+    Press et al. 1992, Numerical Recipes, section 6.2.
     """
     t = 1.0 / (1.0 + 0.5 * z)
     p = -0.82215223 + t * 0.17087277
@@ -57,7 +59,7 @@ def _tail(z: ti.f32) -> ti.f32:
 
 @ti.func
 def normal_below(x: ti.f32) -> ti.f32:
-    """Return the probability that a standard normal number is below x."""
+    """Return the standard normal distribution function at x."""
     z = ti.abs(x) * 0.7071067811865476
     half = 0.5 * _tail(z) * ti.exp(-z * z)
     return ti.select(x > 0.0, 1.0 - half, half)
@@ -83,8 +85,8 @@ def by(before: ti.f32, after: ti.f32, variance: ti.f32, share: ti.f32) -> ti.f32
             (b * (1.0 - share) - a * share) / spread,
         )
         touched = normal_below(-mean)
-        # The mirror image counts the bridges that have been over the line and are back.
-        # exp(-2 a b / variance) may be too large to be written down; its product with this is not
+        # The mirror image counts bridges that crossed the line and came back. exp(-2 a b /
+        # variance) may overflow; its product with the tail does not.
         if mirrored >= 0.0:
             touched += 0.5 * ti.exp(-0.5 * mean * mean) * _tail(mirrored * 0.7071067811865476)
         else:
@@ -94,12 +96,13 @@ def by(before: ti.f32, after: ti.f32, variance: ti.f32, share: ti.f32) -> ti.f32
 
 @ti.func
 def strip(before: ti.f32, after: ti.f32, width: ti.f32, variance: ti.f32) -> ti.f32:
-    """Return the probability that a bridge stays within a strip; before, after: distances [m] from
-    one of its sides.
+    """Return the probability that a bridge stays within a strip.
 
-    While K^2 dt is below half the square of the width, the images in both sides count, of which the
-    third pair is below exp(-24). Above it the eigenfunctions of the strip do, of which the fourth
-    is below exp(-37) of the first.
+    before, after: distances [m] from one of its sides at the bridge's begin and end.
+
+    While K^2 dt is below half the square of the width, the sum runs over images in both sides, of
+    which the third pair is below exp(-24). Above it the sum runs over eigenfunctions of the strip,
+    of which the fourth is below exp(-37) of the first.
     """
     stays = 0.0
     if before > 0.0 and after > 0.0 and before < width and after < width:
@@ -130,10 +133,10 @@ def strip(before: ti.f32, after: ti.f32, width: ti.f32, variance: ti.f32) -> ti.
 
 @ti.func
 def box(a: f32x2, b: f32x2, half: f32x2, variance: ti.f32) -> ti.f32:
-    """Return the probability that a bridge from a to b stays in a box about the origin, with sides
-    along the axes.
+    """Return the probability that a bridge from a to b stays in a box around the origin.
 
-    half: half its width and height [m]. The components of a bridge are independent of each other.
+    half: half its width and height [m]; its sides are parallel to the axes. The components of a
+    bridge are independent of each other.
     """
     stays = strip(a[0] + half[0], b[0] + half[0], 2.0 * half[0], variance)
     return stays * strip(a[1] + half[1], b[1] + half[1], 2.0 * half[1], variance)
@@ -141,17 +144,17 @@ def box(a: f32x2, b: f32x2, half: f32x2, variance: ti.f32) -> ti.f32:
 
 @ti.func
 def within(a: f32x2, half: f32x2) -> ti.i32:
-    """Return 1 if a place lies in a box about the origin."""
+    """Return 1 if a position lies in a box around the origin."""
     return ti.cast(ti.abs(a[0]) < half[0] and ti.abs(a[1]) < half[1], ti.i32)
 
 
 @ti.func
 def disc(a: f32x2, b: f32x2, radius: ti.f32, variance: ti.f32) -> f32x4:
-    """Return what is known of whether a bridge from a to b meets a circle about the origin: see
-    `polyline`.
+    """Return (state, p, before, after) for a bridge from a to b and a circle around the origin.
 
-    It is a line's law where the circle is flat: all that the bridge does is short against the
-    radius. The curvature then shifts the circle by less than FLAT^2 / 8 of its radius.
+    See `polyline`. The formula for a line applies where the circle is nearly flat: length and
+    spread of the bridge are short against the radius. The curvature then shifts the circle by less
+    than FLAT^2 / 8 of its radius.
     """
     way, reach = b - a, REACH * ti.sqrt(variance)
     far_a, far_b = (
@@ -171,20 +174,19 @@ def disc(a: f32x2, b: f32x2, radius: ti.f32, variance: ti.f32) -> f32x4:
         length <= FLAT * radius and variance <= FLAT * FLAT * radius * radius
     ):
         found[0] = ti.cast(TOLD, ti.f32)
-    elif far_a > 0.0 and nearest < -reach:  # it goes right through
+    elif far_a > 0.0 and nearest < -reach:  # it passes right through
         found = f32x4(ti.cast(TOLD, ti.f32), 1.0, far_a, -far_b)
     return found
 
 
 @ti.func
 def polyline(a: f32x2, b: f32x2, variance: ti.f32, corners: ti.template()) -> f32x4:
-    """Return what is known of whether a bridge from a to b touches a line of straight parts:
-    (state, p, before, after).
+    """Return (state, p, before, after) for a bridge from a to b and a line of straight parts.
 
-    corners: (x, y, x, y, ...) [m]. state: FAR, TOLD or OPEN. p: the probability of a touch; of an
-    OPEN piece it is a rough one, by the place at which the bridge would most likely touch each
-    part's straight line. before, after: distances [m] with signs of a and b from the straight line
-    that is touched, for the law of the time, see `by`.
+    corners: (x, y, x, y, ...) [m]. state: FAR, TOLD or OPEN. p: the probability of a touch; for an
+    OPEN piece only a rough one, from the most likely place of a touch on each part's straight line.
+    before, after: signed distances [m] of a and b from the straight line that is touched, for the
+    distribution of the time, see `by`.
     """
     reach = REACH * ti.sqrt(variance)
     told, told_before, told_after, many, open_ = 0.0, 1.0, 1.0, 0, 0
@@ -201,7 +203,7 @@ def polyline(a: f32x2, b: f32x2, variance: ti.f32, corners: ti.template()) -> f3
                 ex * (a[0] - px) + ey * (a[1] - py),
                 ex * (b[0] - px) + ey * (b[1] - py),
             )
-            # Only where its straight way is within reach of the line may the bridge touch it.
+            # The bridge may touch the line only where its straight line comes within reach.
             low, high, likely = 0.0, 1.0, 0.0
             if aside_a != aside_b:
                 one, other = (

@@ -1,10 +1,9 @@
-"""What a sensor that watches along particles' paths has heard or seen: a passive sonar, or a table
-of POD.
+"""Detection by a passive sonar or by a table of POD along the paths of particles.
 
-See kernels.evidence.listen and kernels.evidence.glimpse, and kernels.steering.pieces for the paths.
-A Brownian bridge is halved where the sensor may tell of it (a sonar: where it may be heard), until
-it strays by no more than the table of losses resolves, or half a cell of POD. Its speed, which the
-level may depend on, is that of its leg.
+See kernels.evidence.listen and kernels.evidence.glimpse for the sensors, kernels.steering.pieces
+for the paths. A Brownian bridge that may be detected is halved until its spread is at most the
+spacing of the sonar's table of losses, or half a cell of POD. The source level of a bridge uses the
+speed of its leg.
 """
 
 from typing import Any
@@ -22,14 +21,11 @@ from kernels.steering.pieces import DEPTH, NONE, Paths, Pieces, Straights
 from kernels.step import life
 from kernels.step.coast import Ints, Reals
 
-NOTHING = np.zeros(1, np.float32)  # a table that no kernel asks for
+NOTHING = np.zeros(1, np.float32)  # placeholder for tables that the kernel does not read
 
 
 def _watching(Ways: Any, steers: bool) -> Any:
-    """Return the kernel for paths of one kind:
-
-    `Straights` of what drifts, or `Pieces` of what steers.
-    """
+    """Return the kernel for one kind of path: `Straights` (drifting) or `Pieces` (steering)."""
 
     @ti.kernel
     def _watch(
@@ -73,7 +69,7 @@ def _watching(Ways: Any, steers: bool) -> Any:
             watched, now = here != NONE, ear.begin
             if ti.static(kind == HEARD and not steers):
                 watched = state <= life.PENDING
-                if state < life.PENDING:  # before its release it was under way
+                if state < life.PENDING:  # before its release it was under way, not adrift
                     now = ti.min(ti.max(now, ti.cast(paths.release[i] - elapsed, ti.f32)), ear.end)
             if watched:
                 silence, total, quiet = jumps.at_first(), 0.0, 0.0
@@ -158,7 +154,7 @@ def _watching(Ways: Any, steers: bool) -> Any:
                 if ti.static(kind == HEARD):
                     if (
                         ti.static(not steers) or state >= life.PENDING
-                    ):  # else it went adrift, and is heard from there on
+                    ):  # otherwise it went adrift; the drifting kernel continues from there
                         quiet += ear.end - now
                     jumps.settle(silence, ear.rate, quiet)
                     listen.put(silence, f * size + i, size * many, log_missed, edges, held)
@@ -176,9 +172,7 @@ def _speed(
     way: pieces.Piece,
     paces: ti.template(),
 ) -> ti.f32:
-    """Return the speed [m/s] on a piece, of a bridge that of its leg; 0 where no level depends on
-    it.
-    """
+    """Return the speed [m/s] on a piece, on a bridge that of its leg; 0 if no level needs it."""
     speed = 0.0
     if paces.shape[0] > 1:
         if way.k <= 0.0:
@@ -201,7 +195,7 @@ def _halves(
     depth: ti.i32,
     source: ti.f32,
 ) -> ti.i32:
-    """Return 1 where a part of a bridge from a to b that strays [m] so far is to be halved."""
+    """Return 1 if a part of a bridge from a to b with this spread [m] must be halved."""
     halve = 0
     fine = 0.5 * ear.between
     if ti.static(kind == HEARD):
@@ -238,13 +232,13 @@ def _launch(ensemble: Any, paths: Paths, kind: int, *sensor: Any) -> None:
 
 
 def listen_along(ensemble: Any, paths: Paths, sonar: Laid, kept: tuple[Any, Any, Any]) -> None:
-    """Have a sonar listen for particles along their paths in the step just made.
+    """Update the miss probability of particles for one sonar, along their paths in the last step.
 
     Args:
         ensemble: a drift.engine.particles.ensemble.Ensemble, after the step.
-        paths: of some of its particles. What lies ashore or has run aground is not heard.
-        sonar: on a stretch of its way; its times count from the begin of the paths.
-        kept: its columns on the device, see kernels.evidence.listen.columns.
+        paths: paths of some of its particles. Stranded and grounded ones are inaudible.
+        sonar: on a stretch of its track; its times count from the begin of the paths.
+        kept: its columns on the device, see kernels.evidence.listen.columns; updated.
     """
     _launch(ensemble, paths, HEARD, sonar.ear, *runtime.residents(*sonar.tables), *kept, 0)
 
@@ -252,19 +246,18 @@ def listen_along(ensemble: Any, paths: Paths, sonar: Laid, kept: tuple[Any, Any,
 def look_along(
     ensemble: Any, paths: Paths, stretch: Stretch, pods: Pods, shore: bool, log_missed: Any
 ) -> None:
-    """Add to the logs of misses what a sensor with a table of POD does along particles' paths in
-    the step just made.
+    """Add the log miss probability of a sensor with a table of POD, along paths in the last step.
 
     Args:
         ensemble: a drift.engine.particles.ensemble.Ensemble, after the step.
-        paths: of some of its particles.
-        stretch: of the sensor's way; its times count from the begin of the paths.
+        paths: paths of some of its particles.
+        stretch: of the sensor's track; its times count from the begin of the paths.
         pods: its table.
-        shore: whether what lies ashore or has run aground is seen.
-        log_missed: on the device, float32 (n,).
+        shore: whether stranded and grounded particles are visible.
+        log_missed: on the device, float32 (n,); updated.
     """
     table = np.ascontiguousarray(pods.table, np.float32).reshape(-1)
-    columns = (log_missed,) * 3  # only the first of them is used
+    columns = (log_missed,) * 3  # the kernel writes only the first one
     table, nothing = runtime.residents(table, NOTHING)
     _launch(
         ensemble,

@@ -1,9 +1,8 @@
-"""Sine, cosine, tangent, arc tangent and arc sine of float32, by series: the same on every backend
-to the last bits.
+"""Trigonometric functions of float32 by series, equal on every backend to the last bits.
 
-A graphics card's own are faster and worse: Vulkan promises 2**-11 of a sine, which is 3 km of the
-Earth's radius. Arguments are at most some thousand turns. `kernels.maths.doubles` has those of
-float64.
+A graphics card's own functions are faster and worse: Vulkan guarantees 2**-11 of a sine, which is 3
+km of the Earth's radius. Arguments are at most some thousand turns. `kernels.maths.doubles` has the
+functions of float64.
 """
 
 import taichi as ti
@@ -35,12 +34,11 @@ def series(
     sine_terms: ti.template(),
     cosine_terms: ti.template(),
 ):
-    """Return sine and cosine of an angle of so many quarter turns and x [rad], by the Taylor series
-    about 0.
+    """Return sine and cosine of an angle of quarter turns plus x [rad], by Taylor series about 0.
 
     Args:
         kind: type of the numbers, ti.f32 or ti.f64.
-        x: what the angle exceeds the quarter turns by [rad], from -pi/4 to pi/4.
+        x: remainder of the angle after the quarter turns [rad], from -pi/4 to pi/4.
         quarters: number of quarter turns, a whole number.
         sine_terms: (2 k) (2 k + 1) for each term of the sine.
         cosine_terms: (2 k - 1) (2 k) for each term of the cosine.
@@ -92,8 +90,9 @@ def tan(angle: ti.f32) -> ti.f32:
 
 @ti.func
 def atan2(y: ti.f32, x: ti.f32) -> ti.f32:
-    """Return the angle [rad] of (x, y) from the x axis, in (-pi, pi], relative error 3e-7; 0 for
-    (0, 0).
+    """Return the angle [rad] of (x, y) from the x axis, in (-pi, pi]; 0 for (0, 0).
+
+    The relative error is 3e-7.
     """
     far, near = ti.max(ti.abs(x), ti.abs(y)), ti.min(ti.abs(x), ti.abs(y))
     # atan(t) is 45 degrees less the arc tangent of (1 - t) / (1 + t), where t = near / far.

@@ -1,15 +1,14 @@
-"""Sine, cosine, arc tangent, arc sine and inverse cube root of float64 on every backend, to some
-1e-15.
+"""Trigonometric functions and inverse cube root of float64 on every backend, to about 1e-15.
 
-SPIR-V, and so Vulkan, has none of them: GLSL.std.450 knows the functions of float32 alone.
+SPIR-V, and so Vulkan, lacks them: GLSL.std.450 has these functions for float32 only.
 """
 
 import taichi as ti
 
 from kernels.maths import angles
 
-# pi/2 in two parts; the first has 33 bits, so that it times a number of quarters below 2**20 is
-# exact.
+# pi/2 in two parts; the first has 33 bits, so that its product with a number of quarters below
+# 2**20 is exact.
 QUARTERS = (1.5707963267341256, 6.077100506506192e-11)
 SINE = tuple(float(2 * k * (2 * k + 1)) for k in range(1, 9))  # the series of the sine to x**17
 COSINE = tuple(float((2 * k - 1) * 2 * k) for k in range(1, 10))  # that of the cosine to x**18
@@ -41,8 +40,8 @@ def cos(angle: ti.f64) -> ti.f64:
 def atan2(y: ti.f64, x: ti.f64) -> ti.f64:
     """Return the angle [rad] of (x, y) from the x axis, in (-pi, pi]; 0 for (0, 0).
 
-    That of float32 is right to 3e-7, and the sine of what it lacks to 1e-16: the sine's cube adds
-    less than 1e-20.
+    The float32 result has an error of 3e-7; adding the sine of that error corrects it to 1e-16, as
+    the next term, the sine's cube, is below 1e-20.
     """
     angle = ti.f64(0.0)
     far = ti.sqrt(x * x + y * y)
@@ -61,8 +60,9 @@ def asin(sine: ti.f64) -> ti.f64:
 
 @ti.func
 def inverse_cube_root(x: ti.f64) -> ti.f64:
-    """Return x ** (-1 / 3) of a positive number: that of float32, and two steps of Newton, to
-    1e-15.
+    """Return x ** (-1 / 3) of a positive number, to 1e-15.
+
+    It is the float32 value, corrected by two Newton steps.
     """
     y = ti.cast(ti.pow(ti.cast(x, ti.f32), ti.f32(-1 / 3)), ti.f64)
     for _ in ti.static(range(2)):

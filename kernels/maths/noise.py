@@ -13,7 +13,7 @@ import numpy as np
 import taichi as ti
 
 # One stream per use, so that no two uses ever share a number.
-STREAM_FELT = 0  # the error of the current that targets under way feel
+STREAM_FELT = 0  # current error of targets under way
 STREAM_PRIOR = 1
 STREAM_OBJECT = 2
 STREAM_ERROR = 3
@@ -23,17 +23,17 @@ STREAM_BRIDGE = 6
 STREAM_COAST = 7
 STREAM_REFLOAT = 8
 STREAM_RELEASE = 9
-STREAM_BIRTH = 10  # what is settled for a target that steers; its slot is the one it was born in
-STREAM_AIM = 11  # way points, courses and legs that it draws on its way
-STREAM_WAY = 12  # how it wanders about its way
-STREAM_MIDWAY = 13  # the same at times within a piece of its way
-STREAM_LEVY = 15  # midpoints of ways, where a sensor looks closely
-STREAM_TOUCH = 14  # places that cut it in two, where a sensor asks closely what it touched
-# particles drawn for a cloud that follows a target; below all, for classes of debris count on
-# upward
+# properties of a steering target that are fixed at birth; the slot is its birth slot
+STREAM_BIRTH = 10
+STREAM_AIM = 11  # way points, courses and legs drawn under way
+STREAM_WAY = 12  # its Brownian bridges
+STREAM_MIDWAY = 13  # its Brownian bridges at times within a piece
+STREAM_LEVY = 15  # Levy midpoints of its pieces, for sensors
+STREAM_TOUCH = 14  # midpoints of its pieces, for touches of a line or area
+# particles drawn for a tracker's cloud; negative, as the classes of debris count upwards
 STREAM_CLOUD = -1
-STREAM_ACT = -2  # what they do at times of their own
-STREAM_DEBRIS = 16  # the first of many: each class of debris has its own
+STREAM_ACT = -2  # acts of these particles
+STREAM_DEBRIS = 16  # the first of many: each class of debris has its own stream
 
 u32x4 = ti.types.vector(4, ti.u32)
 f32x2 = ti.types.vector(2, ti.f32)
@@ -73,11 +73,10 @@ def noise_words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step
 def further(
     seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti.i32, number: ti.i32
 ) -> u32x4:
-    """Return four words of a stream for one slot and lattice step; number: from 1 where one needs
-    several.
+    """Return four words of a stream for one slot and lattice step.
 
-    They are those of `philox`, whose rounds are looped here: what is drawn seldom compiles in a
-    tenth of the time.
+    number: counts from 1 where one use needs several. The words are those of `philox`, whose rounds
+    are a loop here, which compiles in a tenth of the time: for numbers that are seldom drawn.
     """
     x0, x1, x2, x3 = (
         ti.cast(slot, ti.u32),
@@ -100,26 +99,22 @@ def further(
 
 @ti.func
 def uniform(word: ti.u32) -> ti.f32:
-    """Return a uniform number in (0, 1), never 0 and never 1: the middle of one of 2**23 equal
-    intervals.
-    """
+    """Return a uniform number in (0, 1), never 0 or 1: the middle of one of 2**23 intervals."""
     return (ti.cast(word >> ti.u32(9), ti.f32) + 0.5) * (1.0 / 8388608.0)
 
 
 @ti.func
 def normals(a: ti.u32, b: ti.u32) -> f32x2:
-    """Return two independent standard normals (Box and Muller 1958), tails to 5.8 standard
-    deviations.
+    """Return two independent standard normals (Box and Muller 1958).
+
+    Tails end at 5.8 standard deviations.
     """
     return turned(ti.log(uniform(a)), b)
 
 
 @ti.func
 def turned(log: ti.f32, b: ti.u32) -> f32x2:
-    """Return the two normals of the logarithm of `uniform(a)`:
-
-    `normals` without its call of a library.
-    """
+    """Return `normals` from the logarithm of `uniform(a)`, without a call of a library."""
     r = ti.sqrt(-log)  # sqrt(-2 log u), times the diagonal's sqrt(1/2)
     t = 4.0 * uniform(b)
     quadrant = ti.cast(t, ti.i32)
@@ -138,37 +133,36 @@ def turned(log: ti.f32, b: ti.u32) -> f32x2:
 
 
 class Purpose(enum.IntEnum):
-    """What random numbers are for; `number` tells apart several of one purpose."""
+    """Purposes of random numbers; `number` distinguishes several of one purpose."""
 
-    RUN = 0  # particles of a run, in the kernels: the seed itself
-    WORLDS = 1  # what the particles of a world share
-    RENEWAL = 2  # a run of a spill in new worlds; number: of the renewal, from 1
+    RUN = 0  # particles of a run, in kernels: the seed itself
+    WORLDS = 1  # properties shared by the particles of a world
+    RENEWAL = 2  # run of a spill in new worlds; number: of the renewal, from 1
     RESAMPLING = 3
     REALISATIONS = 4  # complete spills, drawn from the worlds
     DEBRIS = 5  # coefficients of a class of debris; number: of the class, from 1
-    DEBRIS_BRIDGE = 6  # where debris is within a step
-    PLANNING = 7  # a run that a plan is made on
+    DEBRIS_BRIDGE = 6  # positions of debris within a step
+    PLANNING = 7  # run for planning
     OPTIMISER = 8  # number: of the round, from 1
     VERIFICATION = 9  # a run along a drifter; number: of the forecast
     BACKWARD = 10  # particles of a backward run, in the kernels
-    BACKWARD_PLACES = 11  # where and when they begin
+    BACKWARD_PLACES = 11  # their starts
     BACKWARD_WORLDS = 12
     BACKWARD_PRIOR = 13  # releases from which the prior's map is made
-    # of a class of debris at the coast: walks near it, landings, waits; number: of the class, from
-    # 1
+    # class of debris at the coast: walks near it, landings, waits; number: of the class, from 1
     DEBRIS_COAST = 14
-    TARGET = 15  # the way of a target that acts, which is followed
-    PURSUIT = 16  # the cloud by which a path is judged that was planned on another
-    FILLING = 17  # particles placed again where a contact may have been; number: of the contact
-    GUIDE = 18  # how far particles are guided toward finds
+    TARGET = 15  # path of a target that acts, for tracking
+    PURSUIT = 16  # independent cloud on which a planned path is evaluated
+    FILLING = 17  # particles placed where a contact may have been; number: of the contact
+    GUIDE = 18  # guidance of particles towards finds
 
 
 def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:
-    """Return the seed (0 <= seed < 2**64) of a purpose, from that of a case or of another purpose.
+    """Return the seed (0 <= seed < 2**64) of a purpose, from that of a case or another purpose.
 
-    The particles of a run keep the run's own seed. Any other purpose has a hash of seed, purpose
-    and number (0 <= number < 2**32), so that no two of them draw the same numbers, whatever seeds
-    users choose: two equal hashes are as likely as two equal random numbers of 64 bits.
+    The particles of a run use the run's own seed. Any other purpose has a hash of seed, purpose and
+    number (0 <= number < 2**32), so that no two of them draw the same numbers, whatever seeds users
+    choose: two equal hashes are as likely as two equal random numbers of 64 bits.
     """
     if not 0 <= number < 2**32:
         raise ValueError(f"number of a purpose: {number}; from 0 to 2**32 - 1")
@@ -206,9 +200,7 @@ def generator(
 
 
 def later(rng: np.random.Generator, count: int) -> np.random.Generator:
-    """Return a copy of a generator as it is after so many more `random()`, without drawing all of
-    them.
-    """
+    """Return a copy of a generator advanced by `count` calls of `random()`, without drawing all."""
     ahead = copy.deepcopy(rng)
     # a step of its counter gives four numbers
     left = min(4 - ahead.bit_generator.state["buffer_pos"], count)

@@ -1,8 +1,8 @@
 """The exponential map on binary angles, in float32 on differences only.
 
-The cosine of a latitude comes from the integer colatitude 2**30 - |lat|, which keeps its relative
-precision up to the pole; increments are formed without cancellation, so that 10 km is right to 0.05
-m at |lat| <= 89.9 degrees.
+The cosine of a latitude is computed from the integer colatitude 2**30 - |lat|, which keeps its
+relative precision up to the pole. Increments are formed without cancellation, so that 10 km is
+exact to 0.05 m at |lat| <= 89.9 degrees.
 """
 
 import taichi as ti
@@ -18,7 +18,7 @@ QUARTER = 1 << 30  # binary angle of 90 degrees
 def _sine(x: ti.f32) -> ti.f32:
     """Return sin x for |x| <= pi/2 by its series, relative error 2e-7.
 
-    It does without libm, so that all backends agree.
+    It does not call libm, so that all backends agree.
     """
     y = x * x
     return x * (
@@ -49,9 +49,9 @@ def sin_lat(lat: ti.i32) -> ti.f32:
 
 @ti.func
 def exponential(lon: ti.i32, lat: ti.i32, east: ti.f32, north: ti.f32):
-    """Return (lon, lat) [binary angle] reached along the great circle (east, north) [m].
+    """Return (lon, lat) [binary angle] after the great circle (east, north) [m].
 
-    The way may lead over a pole.
+    It may cross a pole.
 
     With x, y the sines of the arc towards east and north, z its cosine, c and s those of the
     latitude: up = z c - y s, q = x^2 / (hypot(x, up) + up), sin(dlat) = y - q s. No term is a
@@ -80,11 +80,10 @@ def exponential(lon: ti.i32, lat: ti.i32, east: ti.f32, north: ti.f32):
 
 @ti.func
 def offset(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(2, ti.f32):
-    """Return (east, north) [m] of the great circle to another position: the inverse of
-    `exponential`.
+    """Return (east, north) [m] of the great circle to another position: inverts `exponential`.
 
-    The longer of two ways is never taken. Haversines keep the relative precision of short ways; of
-    antipodes, which have no shortest way, the direction means nothing.
+    The result is always the shorter arc. Haversines keep the relative precision of short arcs. For
+    antipodes, which have no shortest arc, the direction is meaningless.
     """
     dlon, dlat = (
         ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT),
@@ -110,12 +109,11 @@ def offset(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types
 def convergence(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(
     2, ti.f32
 ):
-    """Return cosine and sine of the angle by which a course turns along the great circle to another
-    position.
+    """Return cosine and sine of the angle by which a course turns along a great circle.
 
     By Napier's analogies, tan(turn / 2) = tan(dlon / 2) sin(mean latitude) / cos(half the
-    difference of latitudes). A vector (east, north) there is `carried_back` to here, or from here
-    `carried_on`, by it.
+    difference of latitudes). `carried_back` rotates a vector (east, north) from the far end to
+    here, `carried_on` from here to there.
     """
     half_lon, half_lat = (to_lon - lon) >> 1, (to_lat - lat) >> 1
     s, c = sin_lat(half_lon) * sin_lat(lat + half_lat), cos_lat(half_lon) * cos_lat(half_lat)
@@ -125,11 +123,10 @@ def convergence(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.
 
 @ti.func
 def meridian(lon: ti.i32, lat: ti.i32) -> ti.types.vector(2, ti.f32):
-    """Return cosine and sine of the convergence from the meridian of 0, as it is at the nearer
-    pole.
+    """Return cosine and sine of the convergence from the meridian of 0 at the nearer pole.
 
-    Vectors near a pole that are `carried_back` by it share one frame: that of the plane tangent at
-    the pole.
+    Vectors near a pole that are `carried_back` by it share one frame: the plane tangent at the
+    pole.
     """
     angle = ti.cast(lon, ti.f32) * ti.f32(UNIT)
     s, c = angles.sincos(angle)
@@ -140,8 +137,9 @@ def meridian(lon: ti.i32, lat: ti.i32) -> ti.types.vector(2, ti.f32):
 def carried_back(
     vector: ti.types.vector(2, ti.f32), turn: ti.types.vector(2, ti.f32)
 ) -> ti.types.vector(2, ti.f32):
-    """Return a vector (east, north) from the far end of a way, as it is at the near end; turn: see
-    `convergence`.
+    """Return a vector (east, north) of a great circle's far end in the frame of its near end.
+
+    turn: see `convergence`.
     """
     return ti.Vector(
         [vector[0] * turn[0] - vector[1] * turn[1], vector[1] * turn[0] + vector[0] * turn[1]]
@@ -152,8 +150,9 @@ def carried_back(
 def carried_on(
     vector: ti.types.vector(2, ti.f32), turn: ti.types.vector(2, ti.f32)
 ) -> ti.types.vector(2, ti.f32):
-    """Return a vector (east, north) from the near end of a way, as it is at the far end; turn: see
-    `convergence`.
+    """Return a vector (east, north) of a great circle's near end in the frame of its far end.
+
+    turn: see `convergence`.
     """
     return ti.Vector(
         [vector[0] * turn[0] + vector[1] * turn[1], vector[1] * turn[0] - vector[0] * turn[1]]
@@ -165,7 +164,7 @@ NEAR = 0.04  # haversine of the arc below which `offset_near` takes a series: 2,
 
 @ti.func
 def haversine(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.f32:
-    """Return the square of the sine of half the arc to another position."""
+    """Return the squared sine of half the arc to another position."""
     dlon, dlat = (
         ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT),
         ti.cast(to_lat - lat, ti.f32) * ti.f32(UNIT),
@@ -178,8 +177,7 @@ def haversine(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.f3
 def offset_near(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(
     2, ti.f32
 ):
-    """Return what `offset` does, in less time where that is less than 2,565 km, relative error 4e-8
-    there.
+    """Return `offset`, faster below 2,565 km, with a relative error of 4e-8 there.
 
     With h the haversine of an arc, arc / sin arc is the sum of (2^k k!)^2 / (2k + 1)! h^k.
     """
@@ -218,7 +216,8 @@ def _displace(
 
 
 def displace(lon, lat, east, north) -> None:
-    """Move positions (lon, lat) [binary angle, int32, shape (n,)] by (east, north) [m, float32], in
-    place.
+    """Move positions (lon, lat) by (east, north) [m], in place; shape (n,) each.
+
+    Positions are binary angles, int32; displacements float32.
     """
     _displace(lon, lat, east, north)

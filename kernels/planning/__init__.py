@@ -1,1 +1,1 @@
-"""What planned searches would find."""
+"""Expected results of effort, rectangles, legs, stations and beams, for plans."""

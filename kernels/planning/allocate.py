@@ -1,7 +1,7 @@
-"""What effort that is spread over cells finds, and what a little more of it in each cell would add.
+"""Expected detections of effort spread over cells, and the marginal gain of effort in each cell.
 
-In each time bin a particle (m of them) is in one cell or in none (-1); different bins have
-different cells. Effort is by unit and cell.
+In each time bin a particle (m of them) is in one cell or in none (-1); each bin has cells of its
+own. Effort is by unit and cell.
 """
 
 import numpy as np
@@ -17,9 +17,7 @@ BLOCK = 512
 
 @ti.func
 def look(curve: ti.template(), at: ti.f32) -> ti.f32:
-    """Return a tabulated curve at `at` steps from its begin: straight in between, level beyond the
-    end.
-    """
+    """Return a tabulated curve at `at` steps from its begin: linear in between, constant beyond."""
     last = curve.shape[0] - 1
     k = ti.min(ti.cast(at, ti.i32), last - 1)
     part = ti.min(at - ti.cast(k, ti.f32), 1.0)
@@ -28,8 +26,9 @@ def look(curve: ti.template(), at: ti.f32) -> ti.f32:
 
 @ti.func
 def _rate(sweep: ti.f32, ratio: ti.f32) -> ti.f32:
-    """Return the largest area swept past a drifting particle [m2/s]: against its drift, the speeds
-    add up.
+    """Return an upper bound of the area swept past a particle [m2/s].
+
+    Head-on, the speeds of sensor and particle add up.
     """
     return sweep * (1.0 + ratio)
 
@@ -113,14 +112,14 @@ def _gain(
 class Field:
     """Particles in cells, and the curve that turns coverage into probability.
 
-    The arrays are as the kernels take them again and again: see kernels.runtime.runtime.residents.
+    Arrays are held as kernels take them repeatedly: see kernels.runtime.runtime.residents.
 
-    cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much
-    finding a particle after a bin is worth less, (b, m) (POS: 1 at the last bin, else 0); pace:
-    speed of a particle [m/s] (b, m); scenario: row of `sweep` that a particle has, (m,), or in each
-    bin (b, m); sweep: sweep width times speed [m2/s] (rows, units); slowness: one over the speed of
-    each unit [s/m], 0 where a particle's own pace does not count; curve: value, slope and conjugate
-    of drift.planning.search.concave, and its step of coverage.
+    cell: int32 (b, m), -1: none; fastest if neighbouring particles are adjacent; fall: loss of
+    value when a particle is found after a bin instead of in it, (b, m) (POS: 1 at the last bin,
+    else 0); pace: speed of a particle [m/s] (b, m); scenario: row of `sweep` of each particle,
+    (m,), or in each bin (b, m); sweep: sweep width times speed [m2/s] (rows, units); slowness: one
+    over the speed of each unit [s/m], 0 if a particle's own speed does not count; curve: value,
+    slope and conjugate of drift.planning.search.concave, and its step of coverage.
     """
 
     def __init__(
@@ -146,8 +145,9 @@ class Field:
         self.gains = np.zeros(cells * self.units, np.float32)
 
     def spend(self, density: np.ndarray) -> tuple[float, float]:
-        """Return P(f) and the sum of w b*(y) for effort [s/m2] by cell and unit; keep the slopes w
-        y.
+        """Return P(f) and the sum of w b*(y) for effort f [s/m2] by cell and unit.
+
+        The slopes w y are stored for `gain`.
         """
         sums = np.zeros(2 * -(-self.m // BLOCK), np.float32)
         (flat,) = runtime.residents(np.ascontiguousarray(density, np.float32).reshape(-1))
@@ -171,7 +171,7 @@ class Field:
         return float(found), float(most)
 
     def gain(self, squared: bool = False) -> np.ndarray:
-        """Return what one more unit of density [s/m2] would add, by cell and unit (cells, units).
+        """Return the gain of one more unit of density [s/m2], by cell and unit (cells, units).
 
         squared: return the sum of mass times squared rate instead.
         """

@@ -1,10 +1,10 @@
-"""What each beam of a passive sonar would hear of moving particles whose tracks are kept, over a
-slot of time.
+"""Miss probabilities of each beam of a passive sonar over a slot of time, for recorded tracks.
 
 The mathematics is that of the search itself (kernels.evidence.listen, kernels.evidence.jumps).
-Sonars and particles go straight between the edges of time bins, as in kernels.planning.stations; of
-each bin, parts are taken that are short beside the range, so that a bearing crosses a narrow beam
-in several of them. What a beam has heard or missed before a slot is not known in it.
+Sonars and particles move straight between the edges of time bins, as in kernels.planning.stations.
+Each bin is divided into parts that are short compared with the range, so that a bearing crosses a
+narrow beam in several of them. A slot starts without knowledge of what a beam detected or missed
+before it.
 """
 
 from typing import NamedTuple
@@ -17,11 +17,11 @@ from kernels.maths import angles, sphere
 from kernels.planning.stations import BESIDE, Sonar, Swarm, Tables
 from kernels.runtime import runtime
 
-# longest part of a stretch of way, as a share of its least range: 3.4 degrees of bearing
+# longest part of a stretch, as a share of its least range: 3.4 degrees of bearing
 NARROW = 0.06
-CLOSE = 100.0  # [m] parts are not made shorter than this
-# standard deviations of the fluctuation below which nothing is heard, as in kernels.evidence.jumps:
-# once in 10^7 draws
+CLOSE = 100.0  # [m] lower bound of a part's length
+# standard deviations of the fluctuation below which a target is inaudible, as in
+# kernels.evidence.jumps: once in 10^7 draws
 NEVER = -5.3
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -41,9 +41,7 @@ def _without_gain(
     far: ti.f32,
     bearing: ti.f32,
 ) -> ti.f32:
-    """Return minus loss and noise [dB] at a true bearing [rad] and range [m]; -inf out of its
-    range.
-    """
+    """Return minus loss and noise [dB] at a true bearing [rad] and range [m]; -inf out of range."""
     ring = (far - sonar.nearest) / sonar.between
     found = -ti.math.inf
     if ring <= sonar.rings - 1.0:
@@ -90,8 +88,8 @@ def _missed(
     beams = log.shape[0] // m
     reach = sonar.nearest + sonar.between * (sonar.rings - 1)
     for i in range(m):
-        # Turn -1 asks which beams can hear it at all, which few can; the others are the beams. A
-        # bit stands for every 64th.
+        # Beam -1 finds the few beams that can hear it at all; the others compute one beam each.
+        # Each bit stands for every 64th beam.
         can = ti.u64(0)
         for turn in range(beams + 1):
             beam = turn - 1
@@ -165,8 +163,9 @@ def _missed(
 
 
 class Course(NamedTuple):
-    """Where a sonar is at the edges of bins (e), how it lies, and where its losses are those of
-    which places.
+    """Track and heading of a sonar at the edges of bins (e).
+
+    `which` and `weight` give the places whose losses apply there.
     """
 
     lon: np.ndarray  # int32 (e,) binary angle
@@ -178,7 +177,7 @@ class Course(NamedTuple):
 
 
 class Beams(NamedTuple):
-    """Gains of beams, and which of them listens when."""
+    """Gains of beams, and when each one listens."""
 
     gains: np.ndarray  # [dB] float32 (rows, sides) by relative bearing, less threshold
     rows: np.ndarray  # int32 (beams, e - 1) of `gains`; -1: it does not listen
@@ -193,12 +192,18 @@ def missed(
     offset: np.ndarray,
     part: float,
 ) -> np.ndarray:
-    """Return the logs of the probabilities that beams miss particles from a bin to another, float32
-    (beams, m).
+    """Return the log miss probability of each particle for each beam, float32 (beams, m).
 
-    tables: of the sonar; those of its gains and offsets are not looked at. offset: [dB] of each
-    particle's excess (m,). part [m]: longest part of a stretch in which the signal excess is taken
-    once. Every beam begins as if it had never listened.
+    Every beam starts as if it had never listened.
+
+    Args:
+        swarm: the particles.
+        tables: of the sonar; its gains and offsets are not used.
+        course: the sonar's track.
+        beams: its beams.
+        bins: the first bin, and the one after the last.
+        offset: [dB] added to each particle's signal excess, (m,).
+        part: longest part of a stretch with one value of the signal excess [m].
     """
     m = len(swarm.scenario)
     log = np.zeros(len(beams.rows) * m, np.float32)

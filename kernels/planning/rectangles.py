@@ -1,11 +1,11 @@
-"""What rectangles that are searched by parallel sweeps find of moving particles, without their
-single legs.
+"""Expected detections of moving particles in rectangles searched by parallel sweeps.
 
-Swept laws: the legs are smeared out into a front that creeps across the rectangle. A particle is
-covered where the front passes it, with W / S times the creep's speed over the front's speed past
-the particle: what drifts along with the creep is covered more. Random search: the share of the
-search time that the particle spends inside. Tracks are straight within a bin, in a plane. What is
-under way before a time of its own, its turn, is covered as such until then.
+Single legs are not resolved. Sweep detection functions: the legs are spread out into a front that
+creeps across the rectangle. A particle is covered when the front passes it, with W / S times the
+creep's speed over the front's speed relative to the particle: a particle that drifts along with the
+creep is covered more. Random search: the share of the search time that the particle spends inside.
+Tracks are straight within a bin, in a plane. A particle counts as under way before its own time
+`turn`, as adrift after it.
 """
 
 from dataclasses import dataclass, fields
@@ -22,8 +22,8 @@ BLOCK = 256
 # Numbers of a rectangle: x, y, sine and cosine of the orientation, length, width, start, duration,
 # side of the creep.
 PARAMETERS = 9
-FULL = 8.0  # coverage beyond which more is not counted
-ROUNDING = 10.0  # [m] more than places on the plane are rounded by
+FULL = 8.0  # upper bound of coverage
+ROUNDING = 10.0  # [m] larger than the rounding of positions in the plane
 
 
 @ti.func
@@ -40,8 +40,7 @@ def _cover(
     turn: ti.f32,
     rectangle: ti.template(),
 ):
-    """Return the coverage of particle i while adrift and while under way, and what finding it then
-    is worth.
+    """Return (coverage adrift, coverage under way, mean value of finding) of particle i.
 
     Coverage is in units of the pattern's own. turn: when the particle goes adrift [s].
     """
@@ -50,7 +49,7 @@ def _cover(
     half, wide, side = rectangle[p + 4] * 0.5, rectangle[p + 5] * 0.5, rectangle[p + 8]
     start, duration = rectangle[p + 6], rectangle[p + 7]
     total, under_way, worth, weight = 0.0, 0.0, 0.0, 0.0
-    # A particle whose box lies beside the rectangle never comes into it, where alone it is covered.
+    # A particle whose box does not meet the rectangle never enters it, and is not covered.
     east, north = box[3 * i] - cx, box[3 * i + 1] - cy
     reach = (box[3 * i + 2] + ROUNDING) * (ti.abs(sin) + ti.abs(cos))
     if (
@@ -77,7 +76,8 @@ def _cover(
                 a0, a1 = ax * sin + ay * cos, bx * sin + by * cos
                 q0, q1 = side * (ax * cos - ay * sin), side * (bx * cos - by * sin)
                 if ti.static(random):
-                    # The part of the way inside the rectangle lies in both of its slabs.
+                    # The part of the path inside the rectangle is the intersection with both of its
+                    # slabs.
                     low, high = 0.0, 1.0
                     for d in ti.static(range(2)):
                         u, v, h = a0, a1, half
@@ -193,27 +193,27 @@ def _found(
 
 @dataclass(frozen=True, eq=False)
 class Swarm:
-    """Tracks on a plane, as the kernels take them; on the host, float32 unless it says otherwise."""
+    """Tracks on a plane, as kernels take them; on the host, float32 unless stated otherwise."""
 
     time: np.ndarray  # [s] (edges,)
-    x: np.ndarray  # [m] (m * edges,), a particle's together
+    x: np.ndarray  # [m] (m * edges,), particle by particle
     y: np.ndarray
-    value: np.ndarray  # what finding it is worth there; negative: it cannot be found
-    box: np.ndarray  # (3 m,): middle of its box and the larger half of its sides [m]
+    value: np.ndarray  # value of finding it there; negative: it cannot be found
+    box: np.ndarray  # (3 m,): centre of its box and half of the longer side [m]
     scenario: np.ndarray  # int32 (m,)
-    # [s] when a particle goes adrift that is under way until then (m,); NEVER: it drifts all along
+    # [s] when a particle that was under way goes adrift (m,); NEVER: it drifts from the begin
     turn: np.ndarray
-    # Mean velocity [m/s] from each edge on, (m * edges,): that of a bridge's leg, whatever its
-    # noise; (0,): as tracks go.
+    # Mean velocity [m/s] from each edge on, (m * edges,): of a bridge's leg, without its noise;
+    # (0,): that of the track.
     flow_x: np.ndarray
     flow_y: np.ndarray
     # spread rate of that bridge [m/sqrt(s)] (m * edges,), 0 where a track is straight; (0,): all
-    # are
+    # are straight
     k: np.ndarray
 
     @cached_property
     def resident(self) -> tuple[Any, ...]:
-        """All of these as kernels take them again and again: they are copied to a card once."""
+        """All columns as kernels take them repeatedly: copied to a graphics card once."""
         return tuple(runtime.resident(getattr(self, each.name)) for each in fields(self))
 
 
@@ -229,10 +229,17 @@ def swarm(
     turn: np.ndarray | None = None,
     flow: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> Swarm:
-    """Return tracks at edges, x, y [m] and value (edges, m), for the kernels.
+    """Return tracks as kernels take them.
 
-    turn: when each particle goes adrift (m,), by default before all; flow: mean velocities [m/s]
-    and spread rates of bridges [m/sqrt(s)], (edges, m) each.
+    Args:
+        time: of the edges [s], (edges,).
+        x: [m] at the edges, (edges, m).
+        y: [m] at the edges, (edges, m).
+        value: of finding a particle there, (edges, m); negative: it cannot be found.
+        scenario: of each particle, (m,).
+        turn: when each particle goes adrift [s], (m,); by default before all times.
+        flow: mean velocities east and north [m/s] and spread rates of bridges [m/sqrt(s)], (edges,
+            m) each.
     """
     box = np.stack(
         [
@@ -257,10 +264,10 @@ def swarm(
 
 
 def by_state(values: np.ndarray, leading: int = 0) -> np.ndarray:
-    """Return numbers by state, adrift and under way, and scenario: (..., 2, scenarios).
+    """Return numbers by state (adrift, under way) and scenario: (..., 2, scenarios).
 
-    values: (..., scenarios), the same in both states, or (..., 2, scenarios); leading: how many
-    dimensions ... are.
+    values: (..., scenarios), the same in both states, or (..., 2, scenarios); leading: number of
+    leading dimensions.
     """
     values = np.asarray(values)
     return values if values.ndim == leading + 2 else np.repeat(values[..., None, :], 2, axis=-2)
@@ -277,13 +284,21 @@ def gains(
     before: np.ndarray,
     later: np.ndarray,
 ) -> np.ndarray:
-    """Return what each rectangle finds, float64 (c,).
+    """Return the gain of each rectangle, float64 (c,).
 
-    This is the sum of before * (worth - later) * b over particles and nodes.
+    It is the sum of before * (worth - later) * b over particles and nodes, b the probability of
+    detection and worth the value of finding the particle then.
 
-    rectangle: (c, PARAMETERS), SI; coverage: of its pattern, (c, scenarios), or by state (c, 2,
-    scenarios); factor: of the sweep width at each node; curve: b at multiples of a step of
-    coverage; before, later: (m, nodes), the weight that is left, and what it will still bring.
+    Args:
+        particles: the tracks.
+        random: whether the rectangle is searched at random, not by sweeps.
+        rectangle: (c, PARAMETERS), SI.
+        coverage: of its pattern, (c, scenarios), or by state (c, 2, scenarios).
+        factor: of the sweep width at each node.
+        step: of coverage, between values of the curve.
+        curve: b at multiples of the step.
+        before: remaining weight, (m, nodes).
+        later: value that the remaining weight will still bring, (m, nodes).
     """
     m, coverage = particles.scenario.shape[0], by_state(coverage, 1)
     sums = np.zeros(len(rectangle) * -(-m // BLOCK), np.float32)
@@ -307,11 +322,10 @@ def found(
     step: float,
     curve: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what one rectangle finds of each particle; coverage: (scenarios,), or by state (2,
-    scenarios).
+    """Return the detections of one rectangle by particle.
 
-    The results are b for each particle and node, float32 (m, nodes), and what finding the particle
-    then is worth, (m,).
+    They are b for each particle and node, float32 (m, nodes), and the value of finding the particle
+    then, (m,). coverage: (scenarios,), or by state (2, scenarios); other arguments as in `gains`.
     """
     m = particles.scenario.shape[0]
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)

@@ -1,8 +1,7 @@
-"""What passive sonars on many ways would hear of moving particles whose tracks are kept: the
-numbers a plan is made of.
+"""Miss probabilities of passive sonars on many candidate tracks, for recorded particle tracks.
 
 The mathematics is that of the search itself (kernels.evidence.listen, kernels.evidence.jumps).
-Sonars and particles go straight between the edges of time bins.
+Sonars and particles move straight between the edges of time bins.
 """
 
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from kernels.evidence import jumps, listen
 from kernels.maths import angles, sphere
 from kernels.runtime import bundle, runtime
 
-BESIDE = 3  # places whose losses are weighted
+BESIDE = 3  # number of places whose losses are interpolated
 
 f32x2 = ti.types.vector(2, ti.f32)
 HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -22,17 +21,17 @@ HostInts = ti.types.ndarray(dtype=ti.i32, ndim=1)
 HostBytes = ti.types.ndarray(dtype=ti.u8, ndim=1)
 
 Sonar = ti.types.struct(
-    rays=ti.i32,  # bearings of the tables of losses, evenly round from north
-    rings=ti.i32,  # their ranges, evenly from `nearest`
+    rays=ti.i32,  # bearings of the tables of losses, evenly spaced from north
+    rings=ti.i32,  # their ranges, evenly spaced from `nearest`
     nearest=ti.f32,  # [m]
     between=ti.f32,
-    sides=ti.i32,  # relative bearings of the table of gains, evenly round from ahead
-    winds=ti.i32,  # true bearings of the noise, evenly round from north
+    sides=ti.i32,  # relative bearings of the table of gains, evenly spaced from ahead
+    winds=ti.i32,  # true bearings of the noise, evenly spaced from north
     paces=ti.i32,  # speeds of the table of levels
     spread=ti.f32,  # [dB]
     rate=ti.f32,  # [1/s]
-    part=ti.f32,  # [m] longest part of a stretch of way in which the excess is taken once
-    share=ti.f32,  # of the least range in a bin, which a part may have too
+    part=ti.f32,  # [m] longest part of a stretch with one value of the excess
+    share=ti.f32,  # share of the least range in a bin that a part may have instead
 )
 
 
@@ -49,8 +48,9 @@ def _excess(
     heading: ti.f32,
     way: f32x2,
 ) -> ti.f32:
-    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar; -inf out
-    of its range.
+    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar.
+
+    It is -inf out of range.
     """
     far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
     ring = (far - sonar.nearest) / sonar.between
@@ -225,7 +225,7 @@ def _best(
                         ring = ti.max((far - sonar.nearest) / sonar.between, 0.0)
                         if ring <= sonar.rings - 1.0:
                             j = ti.min(ti.cast(ring, ti.i32), sonar.rings - 2)
-                            # The higher of both ends: between them nothing is higher.
+                            # The higher of both ends is an upper bound in between.
                             over = (
                                 ti.max(best[c * sonar.rings + j], best[c * sonar.rings + j + 1])
                                 + source
@@ -251,7 +251,7 @@ class Swarm(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """The tables of a sonar, on the host; see `Sonar`."""
+    """Tables of a sonar, on the host; see `Sonar`."""
 
     losses: np.ndarray  # [dB] (places, rays, rings)
     nearest: float  # [m]
@@ -266,9 +266,7 @@ class Tables(NamedTuple):
 
 
 class Ways(NamedTuple):
-    """Ways of a sonar (c), at the edges of bins (e), and where its losses are those of which
-    places.
-    """
+    """Tracks of a sonar (c) at the edges of bins (e), and the places whose losses apply there."""
 
     lon: np.ndarray  # int32 (c, e) binary angle
     lat: np.ndarray
@@ -315,11 +313,10 @@ def _particles(swarm: Swarm) -> tuple[np.ndarray, ...]:
 
 
 def missed(swarm: Swarm, tables: Tables, ways: Ways, part: float, share: float = 0.0) -> np.ndarray:
-    """Return the logs of the probabilities that a sonar on each way hears nothing of each particle,
-    float32 (c, m, factors).
+    """Return the log miss probability of each particle for a sonar on each track.
 
-    part [m]: longest part of a stretch in which the signal excess is taken once, or this share of
-    the least range in the bin, where that is longer.
+    The result is float32 (c, m, factors). part [m]: longest part of a stretch with one value of the
+    signal excess; share: of the least range in the bin, which is used if it is longer.
     """
     many = len(ways.lon)
     log = np.empty(many * len(swarm.scenario) * len(tables.offsets), np.float32)
@@ -347,13 +344,18 @@ def best(
     first: np.ndarray,
     part: float,
 ) -> np.ndarray:
-    """Return -log of the probability that a sonar anywhere in a cell hears nothing of each particle
-    in a slot of time.
+    """Return an upper bound of -log(miss) of each particle for a sonar anywhere in a cell.
 
-    cells: lon, lat [binary angle] of their middles, int32 (c,); excess: [dB] by range from there,
-    the highest that a sonar of 0 dB anywhere in the cell can have (c, rings); first: number of each
-    slot's first bin and, last, of all bins (slots + 1,). It is an upper limit, float32 (slots, c,
-    m, factors).
+    The result is float32 (slots, c, m, factors), by slot of time.
+
+    Args:
+        swarm: the particles.
+        tables: of the sonar.
+        cells: lon, lat [binary angle] of the cells' centres, int32 (c,).
+        excess: [dB] by range from there, the highest of a sonar for a source of 0 dB anywhere in
+            the cell, (c, rings).
+        first: number of each slot's first bin and, last, of all bins, (slots + 1,).
+        part: longest part of a stretch with one value of the signal excess [m].
     """
     slots, many = len(first) - 1, len(cells[0])
     hazard = np.empty(slots * many * len(swarm.scenario) * len(tables.offsets), np.float32)

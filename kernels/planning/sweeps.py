@@ -1,14 +1,14 @@
-"""What legs that are flown find of moving particles whose tracks are kept.
+"""Expected detections of moving particles by the legs of a path, for recorded tracks.
 
-This is the exact detection that a plan is refined on.
+This is the exact detection probability on which a plan is refined.
 
 The mathematics is that of the search itself (kernels.evidence.sweep), in a plane instead of on the
-sphere: two straight motions at a time, of a leg and of a particle within a time bin. What is under
-way before a time of its own, its turn, is seen as such until then. A Brownian bridge is passed at
-the mean velocity of its leg, not along its noise, and abeam of a leg once, as in
-kernels.evidence.sweep. Near a sensor it is followed within a bin, at Levy's midpoints: if all of
-its hazard in a bin fell on one place, fewer particles would have more of it, and fewer would be
-found.
+sphere: two straight motions at a time, of a leg and of a particle within a time bin. A particle
+counts as under way before its own time `turn`, as adrift after it. As in kernels.evidence.sweep, a
+Brownian bridge is passed at the mean velocity of its leg, not along its noise, and at most once
+abeam of a leg. Near a sensor it is followed within a bin, at Levy's midpoints: if its whole hazard
+in a bin were computed at one place, fewer particles would get more of it, and fewer would be
+detected.
 """
 
 import numpy as np
@@ -21,13 +21,14 @@ from kernels.planning.rectangles import Swarm, by_state
 from kernels.runtime import runtime
 
 BLOCK = 128
-# sweep widths from all legs beyond which comparisons leave a particle out: one leg finds 0.3 %
-# there
+# distance from all legs, in sweep widths, beyond which comparisons leave a particle out: one leg
+# detects 0.3 % there
 FAR = 5.0
-DEPTH = 5  # a bridge is halved so many times in a bin: five minutes to 9 s
-# strays of a bridge in a bin within which of a sensor it is followed, as in kernels.evidence.sweep
+DEPTH = 5  # halvings of a bridge in a bin: five minutes to 9 s
+# distance from a sensor, in spreads of a bridge in a bin, within which the bridge is followed, as
+# in kernels.evidence.sweep
 NEAR = 4.0
-SEED = 20260601  # of the midpoints: they are the same for all legs that are compared
+SEED = 20260601  # of the midpoints: the same for all legs that are compared
 # 1 / (4 pi): the hazard's coefficient is W^2 / (4 pi) (Koopman 1980, inverse cube)
 AREA = 0.07957747154594767
 
@@ -36,11 +37,10 @@ f32x2 = sweep.f32x2
 
 @ti.func
 def _bend(i: ti.i32, t: ti.i32, share: ti.f32, stray: ti.f32) -> f32x2:
-    """Return how far a bridge is off its chord at a share of bin t: midpoints of midpoints,
-    straight in between.
+    """Return a bridge's deviation from its chord at a share of bin t.
 
-    stray: K sqrt(length of the bin) [m]; a midpoint's standard deviation is half of that of its
-    part.
+    It consists of midpoints of midpoints, linear in between. stray: K sqrt(length of the bin) [m];
+    a midpoint's standard deviation is half of that of its part.
     """
     off = f32x2(0.0, 0.0)
     for level in range(DEPTH):
@@ -74,11 +74,11 @@ def _exposure(
     scale: ti.f32,
     scale_under_way: ti.f32,
 ):
-    """Return -log of the miss of nodes [first, last), and what finding the particle then is worth.
+    """Return (-log(miss) adrift, -log(miss) under way, mean value of finding the particle).
 
-    node: (time, x, y, seeks). scale: one over the sweep width [1/m], 0 where nothing is seen. cube:
-    the integral of ds / (2 r^3) instead, while adrift and while under way, which scales leave
-    alone.
+    It covers nodes [first, last). node: (time, x, y, seeks). scale: one over the sweep width [1/m],
+    0 if the particle is invisible. cube: return the integrals of ds / (2 r^3) instead of
+    -log(miss), without scale.
     """
     total, under_way, worth = 0.0, 0.0, 0.0
     t = 0
@@ -173,9 +173,7 @@ def _hazard(
     w_under_way: ti.f32,
     factor: ti.f32,
 ) -> ti.f32:
-    """Return -log of the miss of what `_exposure` has returned, for sweep widths [m] and a factor
-    of them.
-    """
+    """Return -log(miss) from the results of `_exposure`, for sweep widths [m] times a factor."""
     exponent = total + under_way
     if ti.static(cube):
         exponent = total * ti.f32(AREA) * w * w * factor * factor
@@ -185,7 +183,7 @@ def _hazard(
 
 @ti.func
 def _scale(w: ti.f32, factor: ti.f32) -> ti.f32:
-    """Return one over a sweep width [1/m], 0 where nothing is seen."""
+    """Return one over a sweep width [1/m], 0 if the particle is invisible."""
     scale = 0.0
     if w > 0.0:
         scale = 1.0 / (w * factor)
@@ -287,7 +285,8 @@ def _found(
 ):
     nodes, scenarios = factor.shape[0], width.shape[0] // 2
     for i in range(scenario.shape[0]):
-        # every element is written: a card brings back the whole array, and took none of it
+        # written for every element: a graphics card copies the whole array back, but not to the
+        # card
         when[i] = 0.0
         w, w_under_way = width[scenario[i]], width[scenarios + scenario[i]]
         h, steered, worth = 0.0, 0.0, 0.0
@@ -321,9 +320,9 @@ def _found(
 
 
 def _nodes(path: np.ndarray) -> np.ndarray:
-    """Return a path as it is; raise ValueError unless it has four numbers a node.
+    """Return a path unchanged; raise ValueError unless it has four numbers per node.
 
-    The kernels step through four numbers a node, and would misread any others.
+    The kernels step through four numbers per node, and would misread any others.
     """
     if path.ndim != 2 or path.shape[1] != 4:
         raise ValueError(
@@ -333,7 +332,7 @@ def _nodes(path: np.ndarray) -> np.ndarray:
 
 
 def _extent(points: np.ndarray) -> np.ndarray:
-    """Return the middle and half the sides of the box of points (k, 2)."""
+    """Return the centre and half the sides of the box of points (k, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
     return np.concatenate([(low + high) / 2, (high - low) / 2])
 
@@ -347,14 +346,20 @@ def gains(
     before: np.ndarray,
     later: np.ndarray,
 ) -> np.ndarray:
-    """Return what each path finds, float64.
+    """Return the gain of each path, float64.
 
-    This is the sum of before * (worth - later) * (1 - miss) over particles and nodes.
+    It is the sum of before * (worth - later) * (1 - miss) over particles and nodes, worth the value
+    of finding the particle then. Particles far from all of a path (FAR) are left out.
 
-    table: a lateral range curve (range / W, chance, ...), None: inverse cube; paths: nodes (time
-    [s], x, y [m], whether the leg to the next one searches), straight in between; what is far from
-    all of one (FAR) is left out; width: sweep width [m] by scenario, (scenarios,), or by state (2,
-    scenarios); factor: of it at each node; before, later: (m, nodes).
+    Args:
+        particles: the tracks.
+        table: a lateral range curve (range / W, probability, ...); None: inverse cube.
+        paths: nodes (time [s], x, y [m], whether the leg to the next node searches), straight in
+            between.
+        width: sweep width [m] by scenario, (scenarios,), or by state (2, scenarios).
+        factor: of the sweep width at each node.
+        before: remaining weight, (m, nodes).
+        later: value that the remaining weight will still bring, (m, nodes).
     """
     start = np.concatenate([[0], np.cumsum([len(p) for p in paths])]).astype(np.int32)
     extent = np.concatenate([_extent(p[:, 1:3]) for p in paths]).astype(np.float32)
@@ -383,10 +388,10 @@ def found(
     width: np.ndarray,
     factor: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what one path finds of each particle.
+    """Return the detections of one path by particle.
 
-    The results are 1 - miss for each particle and node, float32 (m, nodes), and what finding the
-    particle then is worth, (m,).
+    They are 1 - miss for each particle and node, float32 (m, nodes), and the value of finding the
+    particle then, (m,). Arguments as in `gains`.
     """
     m = particles.scenario.shape[0]
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)

@@ -1,1 +1,1 @@
-"""Taichi: started once, arrays moved, launches bound, cards found."""
+"""The Taichi runtime: start, device arrays, kernel launches, graphics cards."""

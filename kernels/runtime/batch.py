@@ -1,15 +1,14 @@
-"""The slots that one launch works on: those of one or of hundreds of scenarios, and how a kernel
-finds them.
+"""The slots of one launch: those of one scenario or of hundreds, and how a kernel finds them.
 
-Slots of a scenario are contiguous. Where those of all scenarios of a batch are, a batch is a range
-of slots, else it lists them. A kernel takes `listed`, `first`, `last`, `slots` and `shift` of a
-batch, and does
+Slots of a scenario are contiguous. A batch is a range of slots if its scenarios are contiguous too;
+otherwise it lists them. A kernel takes `listed`, `first`, `last`, `slots` and `shift` of a batch,
+and loops
 
     for k in range(first, last):
         i = batch.slot(listed, slots, k)
 
-What differs between scenarios it reads from tables by the slot's scenario, a column of the
-ensemble: see `table`.
+Parameters that differ between scenarios come from tables, indexed by the slot's scenario, a column
+of the ensemble: see `table`.
 """
 
 from collections.abc import Sequence
@@ -24,9 +23,9 @@ from kernels.runtime import runtime
 class Batch(NamedTuple):
     """Slots on the device, and the scenarios to which they belong."""
 
-    scenarios: tuple[int, ...]  # numbers of those whose slots these are, ascending
+    scenarios: tuple[int, ...]  # numbers of the scenarios, ascending
     listed: bool  # whether the slots are listed
-    first: int  # the first slot, or where its number is listed
+    first: int  # the first slot, or its index in `slots`
     last: int  # the one after the last
     slots: Any  # int32 (last,) on the device, ascending; unused where they are a range
     # int32 (scenarios of the run,) on the device: from a slot to its number in the whole run
@@ -38,10 +37,10 @@ class Batch(NamedTuple):
         return self.listed, self.first, self.last, self.slots, self.shift
 
     def table(self, rows: Sequence[Any]) -> Any:
-        """Return numbers by scenario on the device, float32, flat: (scenarios of the run * numbers
-        in a row,).
+        """Return a table by scenario on the device, float32, flat.
 
-        rows: of each scenario of the batch, in their order; all others have zeros.
+        Its shape is (scenarios of the run * row length,). rows: one for each scenario of the batch,
+        in order; all other scenarios have zeros.
         """
         own = np.asarray(rows, np.float32).reshape(len(self.scenarios), -1)
         table = np.zeros((self.shift.shape[0], own.shape[1]), np.float32)
@@ -51,7 +50,7 @@ class Batch(NamedTuple):
 
 @ti.func
 def slot(listed: ti.template(), slots: ti.template(), k: ti.i32) -> ti.i32:
-    """Return the slot at place k of a batch."""
+    """Return the slot at index k of a batch."""
     i = k
     if ti.static(listed):
         i = slots[k]
@@ -60,7 +59,10 @@ def slot(listed: ti.template(), slots: ti.template(), k: ti.i32) -> ti.i32:
 
 @ti.func
 def listed_slot(listed: ti.i32, slots: ti.template(), k: ti.i32) -> ti.i32:
-    """Return the same in a kernel that takes long to compile and to run: one for both."""
+    """Return the slot at index k of a batch, with `listed` known only at run time.
+
+    Kernels that take long to compile use it: one compilation serves both kinds of batch.
+    """
     i = k
     if listed == 1:
         i = slots[k]
@@ -77,7 +79,7 @@ def batch_of(bounds: Sequence[int], numbers: Sequence[int], scenarios: Sequence[
     shift = runtime.upload((np.asarray(numbers, np.int64) - edges[:-1]).astype(np.int32))
     chosen = np.asarray([s for s in scenarios if edges[s] < edges[s + 1]], np.int64)
     first, last = edges[chosen], edges[chosen + 1]
-    # one after the other, but for scenarios without slots between them
+    # contiguous, except for scenarios without slots between them
     if (first[1:] == last[:-1]).all():
         whole = (int(first[0]), int(last[-1])) if chosen.size else (0, 0)
         return Batch(tuple(scenarios), False, *whole, runtime.empty(1, ti.i32), shift)
@@ -88,7 +90,7 @@ def batch_of(bounds: Sequence[int], numbers: Sequence[int], scenarios: Sequence[
 
 
 def among(own: Batch, chosen: np.ndarray) -> Batch:
-    """Return those slots of a batch that are chosen, bool (n,) over all slots."""
+    """Return the slots of a batch that are chosen, bool (n,) over all slots."""
     slots = (
         own.slots.to_numpy()[own.first : own.last]
         if own.listed

@@ -1,12 +1,11 @@
 """Bundles of particles that a kernel moves side by side.
 
-A step of one particle is a chain of operations that wait for each other, and a processor that takes
-particle after particle idles for most of it. So a kernel on a CPU takes WIDTH of them together:
-what it holds of them stands in short arrays with an entry for each, and each part of the step is a
-loop over the entries. Where such a loop holds no branch and no call of a library, the compiler
-makes vector instructions of it, which round as others do: the bits are the same. What must branch
-or call stands in loops of its own. A graphics card does as much by itself: there a bundle is one
-particle.
+A step of one particle is a chain of dependent operations, so that a processor that handles particle
+after particle is idle most of the time. A kernel on a CPU therefore handles WIDTH particles
+together: their data are held in short arrays, and each part of the step is a loop over the entries.
+The compiler turns a loop without branches and library calls into vector instructions, which round
+like scalar ones: the bits are the same. Branches and calls have loops of their own. A graphics card
+does the same in hardware: there a bundle is one particle.
 """
 
 from collections.abc import Mapping
@@ -26,26 +25,24 @@ def width() -> int:
 
 
 def alone() -> bool:
-    """Return whether a bundle is one particle, as on a card."""
+    """Return whether a bundle is a single particle, as on a graphics card."""
     return width() == 1
 
 
 def threads(wanted: int) -> int:
-    """Return the threads of a block where their number bounds the registers of a thread; 0: the
-    backend has no such bound.
+    """Return the number of threads of a block that limits the registers of a thread.
 
-    Taichi asks CUDA for room for two blocks, so blocks of 512 threads leave each thread 64 of a
-    multiprocessor's 65536 registers, and half of its 2048 threads run side by side; blocks of 448
-    leave 72, and 44 % run.
+    0: the backend has no such limit. Taichi asks CUDA for room for two blocks, so blocks of 512
+    threads leave each thread 64 of a multiprocessor's 65536 registers, and half of its 2048 threads
+    run side by side; blocks of 448 leave 72, and 44 % run.
     """
     return wanted if runtime.backend() == "cuda" else 0
 
 
 def held(**rows: Mapping[str, int]) -> Any:
-    """Return the structure that a kernel holds of a bundle: matrices of (rows, particles), zero at
-    first.
+    """Return the structure of a bundle's registers: matrices of (rows, particles), initially zero.
 
-    reals, ints, words: numbers of rows by name, of float32, int32 and uint32; 0: there is none.
+    reals, ints, words: numbers of rows by name, of float32, int32 and uint32; 0: no rows.
     """
     kinds = {"reals": ti.f32, "ints": ti.i32, "words": ti.u32}
     listed = (
@@ -57,7 +54,7 @@ def held(**rows: Mapping[str, int]) -> Any:
     return _structure(width(), tuple(listed))
 
 
-@cache  # a kernel is compiled for each structure that is another object
+@cache  # cached, as a kernel is compiled again for each new structure object
 def _structure(width: int, rows: tuple[tuple[str, int, Any], ...]) -> Any:
     return ti.types.struct(
         **{name: ti.types.matrix(count, width, kind) for name, count, kind in rows}

@@ -1,7 +1,6 @@
-"""Graphics cards: what is known of one, whether kernels can run on it, and which one `--backend
-auto` takes.
+"""Graphics cards: their properties, whether kernels can run on them, and the choice of `auto`.
 
-kernels.runtime.drivers asks for them; here nothing is asked, and nothing is started.
+kernels.runtime.drivers queries the drivers; this module queries and starts nothing.
 """
 
 import os
@@ -12,57 +11,59 @@ from dataclasses import dataclass
 from geo import notation
 from geo.errors import UserError
 
-# particles, an estimate: a step costs the host 0.5 ms, as 40,000 do on 16 cores (docs/backends.md)
+# particles from which a card pays off, an estimate: a step costs the host 0.5 ms, like 40,000
+# particles on 16 cores (docs/backends.md)
 WORTH = 100_000
 LEAST = (
     2**30
 )  # [bytes] of a card for its context, kernels, forcing and coast; Taichi 1.7.4 takes as many of old drivers
-# of CUDA: the first that adds float64 atomically (CUDA C++ Programming Guide, "Atomic Functions")
+# compute capability: the first with atomic float64 addition (CUDA C++ Programming Guide, "Atomic
+# Functions")
 CAPABILITY = (6, 0)
 DRIVER = 10_000  # CUDA 10.0: Taichi 1.7.4 starts on no older driver ("requires at least CUDA 10.0")
 VULKAN = (1, 1)  # subgroups, and 8 bits in storage buffers
-# of the largest kernel, steer._steer: its arrays, and what Taichi adds
+# buffers of the largest kernel, steer._steer: its arrays, and those that Taichi adds
 # (tests/test_kernel_constructs.py)
 BUFFERS = 31
-# software devices of older Mesa compute wrongly and say nothing; 22.3 was tried (docs/backends.md)
+# software devices of older Mesa compute wrong results silently; 22.3 was tried (docs/backends.md)
 MESA = 25
 KINDS = ("other", "integrated", "discrete", "virtual", "software")  # by VkPhysicalDeviceType
-SHARING = ("integrated", "software")  # that have the processor's memory
+SHARING = ("integrated", "software")  # kinds that use the processor's memory
 BEST_FIRST = ("discrete", "integrated", "virtual", "other", "software")
-PICKING = "TI_VISIBLE_DEVICE"  # environment variable of Taichi, for Vulkan
-CARDS = ("cuda", "vulkan", "metal")  # backends, in the order in which auto asks for cards
+PICKING = "TI_VISIBLE_DEVICE"  # environment variable of Taichi that picks a Vulkan device
+CARDS = ("cuda", "vulkan", "metal")  # backends in the order in which auto looks for cards
 
 
 @dataclass(frozen=True)
 class Device:
-    """A graphics card, or a program that stands in for one, as one backend sees it."""
+    """A graphics card, or software that emulates one, as one backend sees it."""
 
     backend: str
     number: int  # in the order of its driver
     name: str
     kind: str  # of KINDS
     driver: str  # with its version
-    total: int | None = None  # [bytes] of memory that it reaches at once; None: unknown
-    free: int | None = None  # [bytes] of that
-    unfit: str = ""  # why kernels cannot run on it; "": they can
-    remedy: str = ""  # what to do then
+    total: int | None = None  # [bytes] memory; None: unknown
+    free: int | None = None  # [bytes] free memory
+    unfit: str = ""  # why kernels cannot run on it; "" if they can
+    remedy: str = ""  # what to do about that
 
     @property
     def identity(self) -> str:
-        """Return name and driver, by which results of one device are told from another's."""
+        """Return name and driver, which identify a device in results."""
         return f"{self.name}, {self.driver}"
 
     @property
     def room(self) -> int | None:
-        """Return how much of its own memory is free [bytes];
+        """Return the free memory of a card's own [bytes].
 
-        None where it uses the processor's, or where it is unknown.
+        None if it uses the processor's memory, or if it is unknown.
         """
         return None if self.kind in SHARING else self.total if self.free is None else self.free
 
     @property
     def memory(self) -> str:
-        """Return how much of its memory is free, in words."""
+        """Return a description of its free memory."""
         if self.kind in SHARING or self.total is None:
             return "the processor's memory" if self.kind in SHARING else "memory unknown"
         free = "unknown" if self.free is None else notation.format_bytes(self.free)
@@ -71,18 +72,18 @@ class Device:
 
 @dataclass(frozen=True)
 class Listed:
-    """What the driver of a backend lists."""
+    """Devices that the driver of a backend lists."""
 
     backend: str
     devices: tuple[Device, ...] = ()
-    why: str = ""  # it lists none
+    why: str = ""  # why it lists none
     remedy: str = ""
 
     @property
     def taken(self) -> Device | None:
-        """Return the device that the backend starts:
+        """Return the device that the backend uses, or None.
 
-        CUDA's first; of Vulkan the one that is named, else the best.
+        CUDA uses the first one, Vulkan the one named in the environment or the best.
         """
         named = os.environ.get(PICKING, "") if self.backend == "vulkan" else "0"
         if named.isdecimal() and int(named) < len(self.devices):
@@ -92,7 +93,7 @@ class Listed:
 
     @property
     def unfit(self) -> tuple[str, str]:
-        """Return why kernels cannot run on this backend, and what to do; empty where they can."""
+        """Return why kernels cannot run on this backend, and the remedy; empty if they can."""
         device = self.taken
         if device is None:
             return self.why, self.remedy
@@ -101,21 +102,23 @@ class Listed:
 
 @dataclass(frozen=True)
 class Choice:
-    """What `--backend auto` takes: a device, or the processor; and why."""
+    """The device that `--backend auto` uses, or None for the processor; and the reason."""
 
     device: Device | None
     why: str
-    missed: bool = False  # a card is there, and cannot be used
+    missed: bool = False  # there is a card, but it cannot be used
 
 
 def automatic(lanes: int | None, ask: Callable[[str], Listed]) -> Choice:
-    """Return what `--backend auto` takes: the first backend with a usable card of its own, where it
-    is worth it.
+    """Return the choice of `--backend auto`: the first discrete card that is usable and pays off.
 
-    lanes: particles, or of a tracking case clouds, that kernels can move side by side; None:
-    unknown. ask: lists the devices of a backend (kernels.runtime.drivers.ask). A graphics unit
-    inside a processor shares the memory that bounds a step, and a software device is the processor:
-    auto takes neither.
+    A graphics unit inside a processor shares the memory whose speed limits a step, and a software
+    device is the processor itself: auto uses neither.
+
+    Args:
+        lanes: particles, or clouds of a tracking case, that kernels can move side by side; None:
+            unknown.
+        ask: lists the devices of a backend (kernels.runtime.drivers.ask).
     """
     if lanes is not None and lanes < WORTH:
         return Choice(
@@ -140,8 +143,10 @@ def automatic(lanes: int | None, ask: Callable[[str], Listed]) -> Choice:
 
 
 def usable(listed: Listed) -> Device:
-    """Return the device that a backend takes; raise UserError, saying what to do, where kernels
-    cannot run on it.
+    """Return the device that a backend uses.
+
+    Raises:
+        UserError: kernels cannot run on it; the message says what to do.
     """
     device, (unfit, remedy) = listed.taken, listed.unfit
     if device is None or unfit:
@@ -151,7 +156,7 @@ def usable(listed: Listed) -> Device:
 
 
 def fullness(free: int | None) -> tuple[str, str]:
-    """Return that a card is full and what to do; empty where it is not, or where that is unknown."""
+    """Return that a card is full, and the remedy; empty if it is not, or if that is unknown."""
     if free is None or free >= LEAST:
         return "", ""
     why = f"{notation.format_bytes(free)} of its memory are free, and a run needs {notation.format_bytes(LEAST)} beside its particles"
@@ -159,9 +164,9 @@ def fullness(free: int | None) -> tuple[str, str]:
 
 
 def cuda_unfit(capability: tuple[int, int], version: int, free: int | None) -> tuple[str, str]:
-    """Return why kernels cannot run on a card of CUDA, and what to do; empty where they can.
+    """Return why kernels cannot run on a CUDA card, and the remedy; empty if they can.
 
-    version: of CUDA that its driver knows, 1000 * major + 10 * minor; free: [bytes] of its memory.
+    version: CUDA version that its driver supports, 1000 * major + 10 * minor; free: memory [bytes].
     """
     if capability < CAPABILITY:
         why = f"its compute capability is {capability[0]}.{capability[1]}, and kernels need 6.0"
@@ -177,7 +182,7 @@ def cuda_unfit(capability: tuple[int, int], version: int, free: int | None) -> t
 def vulkan_unfit(
     version: tuple[int, int], lacks: Sequence[str], buffers: int, kind: str, driver: str
 ) -> tuple[str, str]:
-    """Return why kernels cannot run on a device of Vulkan, and what to do; empty where they can."""
+    """Return why kernels cannot run on a Vulkan device, and the remedy; empty if they can."""
     if version < VULKAN:
         return (
             f"it knows Vulkan {version[0]}.{version[1]}, and kernels need 1.1",

@@ -1,7 +1,7 @@
-"""What the drivers of graphics cards list, through ctypes: CUDA and NVML, the Vulkan loader, macOS.
+"""Devices listed by graphics drivers, through ctypes: CUDA and NVML, the Vulkan loader, macOS.
 
-Nothing has to be installed, no card is started, and a library that is missing becomes a sentence.
-Offsets and numbers of structures are those of cuda.h, nvml.h and vulkan_core.h.
+Nothing has to be installed, no card is started, and a missing library becomes a message. Offsets
+and numbers of structures are those of cuda.h, nvml.h and vulkan_core.h.
 """
 
 import ctypes
@@ -18,14 +18,14 @@ from kernels.runtime.devices import Device, Listed
 
 SOFTWARE = re.compile("llvmpipe|lavapipe|softpipe|swiftshader", re.IGNORECASE)
 HIDING = "CUDA_VISIBLE_DEVICES"  # environment variable of CUDA
-FEATURES = {"float64": 39, "int64": 40}  # by their place in VkPhysicalDeviceFeatures
+FEATURES = {"float64": 39, "int64": 40}  # by their index in VkPhysicalDeviceFeatures
 
 
 def ask(backend: str) -> Listed:
-    """Return what the driver of a backend lists: cuda, vulkan or metal."""
+    """Return the devices that the driver of a backend lists: cuda, vulkan or metal."""
     try:
         return {"cuda": cuda, "vulkan": vulkan, "metal": metal}[backend]()
-    except AttributeError as error:  # a function is not there
+    except AttributeError as error:  # a function is missing
         return Listed(
             backend, (), f"the driver's library is too old ({error})", "update the driver"
         )
@@ -59,7 +59,7 @@ def cuda() -> Listed:
 
 
 def _hidden() -> str:
-    """Return that an environment variable hides cards, where one is set."""
+    """Return a hint that an environment variable hides cards, if it is set."""
     return f", unset {HIDING}, which is {os.environ[HIDING]!r}" if HIDING in os.environ else ""
 
 
@@ -89,8 +89,9 @@ def _cuda_device(driver: Any, number: int, version: int) -> Device:
 
 
 def _nvml(bus: bytes) -> tuple[str, int | None]:
-    """Return the version of NVIDIA's driver, and the free memory of the card at a bus; "" and None
-    where they are unknown.
+    """Return the version of NVIDIA's driver and the card's free memory [bytes].
+
+    bus: of the card. "" and None: unknown.
     """
     nvml = _library("libnvidia-ml.so.1", "nvml.dll")
     if nvml is None or nvml.nvmlInit_v2():
@@ -199,8 +200,9 @@ def _vulkan_device(loader: Any, number: int, handle: int) -> Device:
 
 
 def _filled(ask_of: Any, handle: int, *kinds: tuple[int, int]) -> list[bytes]:
-    """Return what a device fills into chained structures, (VkStructureType, bytes after the head)
-    each; 0: unknown to it.
+    """Return the contents of chained structures that a device fills in.
+
+    kinds: (VkStructureType, bytes after the head) of each; zeros: the device does not know it.
     """
     parts = [ctypes.create_string_buffer(16 + size) for _, size in kinds]
     for (kind, _), part, after in zip(kinds, parts, [*parts[1:], None], strict=True):
@@ -214,7 +216,7 @@ def _text(raw: bytes) -> str:
 
 
 def _library(linux: str, windows: str = "", mac: str = "") -> Any:
-    """Return a library of the system, None where it is not there."""
+    """Return a system library, or None if it is missing."""
     name = {"win32": windows, "darwin": mac}.get(sys.platform, linux)
     try:
         return ctypes.CDLL(name) if name else None

@@ -1,4 +1,4 @@
-"""Types of scalars, as NumPy, Taichi and ctypes name them."""
+"""Scalar types and their names in NumPy, Taichi and ctypes."""
 
 import numpy as np
 import taichi as ti

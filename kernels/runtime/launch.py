@@ -1,7 +1,6 @@
-"""Arguments of kernels in groups, and a kernel with its arguments set once, to be launched again
-and again.
+"""Packs of kernel arguments, and kernels bound to their arguments for repeated launches.
 
-Taichi looks at all arguments again at every launch, which takes longer than a step of some thousand
+Taichi inspects all arguments at every launch, which takes longer than a step of some thousand
 particles.
 """
 
@@ -14,13 +13,13 @@ Launch = Callable[..., None]
 
 
 def pack(kind: Any, *values: Any) -> Any:
-    """Return a group of arguments of a kind (`ti.types.argpack`), in the order of its members.
+    """Return a pack of arguments (`ti.types.argpack`), in the order of its members.
 
     It keeps its arrays alive.
 
-    Numbers in it cost 12 us and some 30 bytes that Taichi never gives back: what is packed for each
-    ensemble holds none. Taichi 1.7.4 knows the members by their names alone: two groups of one
-    kernel must not share one, nor may the kernel give one to a variable of its own.
+    Numbers in it cost 12 us and some 30 bytes that Taichi never frees: packs made per ensemble hold
+    none. Taichi 1.7.4 identifies members by name alone: two packs of one kernel must not share a
+    name, nor may a variable of the kernel have one of these names.
     """
     return way.pack(kind, dict(zip(kind.members, values, strict=True)))
 
@@ -28,8 +27,8 @@ def pack(kind: Any, *values: Any) -> Any:
 def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
     """Return a function that launches a kernel with these arguments.
 
-    The function takes the whole numbers named in `changing`; all other arguments stay as they are.
-    Arrays are `ti.Ndarray`s, and stay alive as long as the function does, alone or in a `pack`; a
-    structure comes as a dict.
+    The function takes the whole numbers named in `changing`; all other arguments are fixed. Arrays
+    are `ti.Ndarray`s and stay alive as long as the function does, alone or in a `pack`; a structure
+    is given as a dict.
     """
     return way.bind(kernel, args, changing)

@@ -1,5 +1,6 @@
-"""How much memory this process may still take: what its machine has left, and what its container,
-batch job and own limits grant.
+"""Memory that this process may still allocate, within the machine and the limits on the process.
+
+The limits are those of its container, its batch job, and its own resource limits.
 """
 
 import contextlib
@@ -14,23 +15,23 @@ except ImportError:  # Windows knows no such limits
 
 MEMINFO, STATUS = Path("/proc/meminfo"), Path("/proc/self/status")
 MEMBERSHIP, CGROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
-# of Linux control groups: where the memory's lie, the files of their limit and their use, what it
-# is told of first
+# Linux control groups: folder of the memory groups, files of limit and use, prefix of the names in
+# memory.stat
 VERSIONS = (
     (CGROUPS, "memory.max", "memory.current", ""),
     (CGROUPS / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_"),
 )
-CACHED = ("inactive_file", "active_file")  # of files: it goes when memory is wanted
-UNKNOWN = 16 * 2**30  # [bytes] where nobody says
+CACHED = ("inactive_file", "active_file")  # page cache of files, which is freed on demand
+UNKNOWN = 16 * 2**30  # [bytes] if no source is available
 
 
 def free() -> int:
-    """Return how much memory this process may still take [bytes]."""
+    """Return how much memory this process may still allocate [bytes]."""
     return max(min([_machine(), *_granted(), *_limited()]), 0)
 
 
 def _machine() -> int:
-    """Return how much the machine has left; where that is not told, how much it has."""
+    """Return the machine's available memory [bytes]; its total memory if that is unknown."""
     try:
         told = MEMINFO.read_text(encoding="ascii")
         return next(
@@ -47,7 +48,7 @@ def _machine() -> int:
 
 
 def _limited() -> Iterator[int]:
-    """Yield what this process's own limits leave it [bytes]."""
+    """Yield the memory left by the process's own resource limits [bytes]."""
     if resource is None:
         return
     with contextlib.suppress(OSError, ValueError):
@@ -59,7 +60,7 @@ def _limited() -> Iterator[int]:
 
 
 def _granted() -> Iterator[int]:
-    """Yield what each control group that holds this process has left of its limit [bytes]."""
+    """Yield the memory left by each control group that contains this process [bytes]."""
     try:
         rows = [line.split(":", 2) for line in MEMBERSHIP.read_text(encoding="utf-8").splitlines()]
     except OSError:
@@ -78,5 +79,5 @@ def _granted() -> Iterator[int]:
                     line.split() for line in (group / "memory.stat").read_text().splitlines()
                 )
                 yield most - used + sum(int(stat.get(told_as + name, 0)) for name in CACHED)
-            except (OSError, ValueError):  # it is not seen from here, or has no limit ("max")
+            except (OSError, ValueError):  # the group is not visible here, or has no limit ("max")
                 continue

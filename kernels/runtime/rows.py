@@ -1,9 +1,8 @@
-"""Columns of one type in one device array, row after row, each of them still known by its name.
+"""Columns of one type as rows of one device array, accessible by name.
 
-A graphics card binds few arrays to a kernel (Metal 31 in all), so columns that belong together
-stand in one: slot i of the column in row r of an array of n slots a row is its element r * n + i.
-Kernels take the array; for the host each column is a `Row`, which is read and written as an array
-of its own.
+A graphics card binds few arrays to a kernel (Metal 31 in all), so related columns share one array:
+slot i of the column in row r of an array with n slots per row is element r * n + i. Kernels take
+the array. On the host each column is a `Row`, which is read and written like an array of its own.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -25,7 +24,7 @@ class Row:
     """A column in one row of an array."""
 
     def __init__(self, array: Array, row: int, rows: int) -> None:
-        """Take a row of an array.
+        """Wrap a row of an array.
 
         Args:
             array: the array, shape (rows * n,).
@@ -38,7 +37,7 @@ class Row:
 
     @property
     def first(self) -> int:
-        """Where the row begins in its array."""
+        """Index of the row's first element in its array."""
         return self.row * int(self.shape[0])
 
     def to_numpy(self) -> np.ndarray:
@@ -51,7 +50,7 @@ class Row:
         return values.to_numpy()
 
     def from_numpy(self, values: np.ndarray) -> None:
-        """Take up the values of a host array of the same shape."""
+        """Write the values of a host array of the same shape."""
         if values.shape != self.shape:
             raise ValueError(f"a column of shape {self.shape} cannot take values of {values.shape}")
         lying = way.lying(self.array)
@@ -89,7 +88,7 @@ def stack(names: Sequence[str], values: np.ndarray) -> dict[str, Row]:
 
 
 def located(column: Any) -> tuple[Array, int]:
-    """Return the array in which a column stands, and its first element there."""
+    """Return the array that holds a column, and the column's first element in it."""
     return (column.array, column.first) if isinstance(column, Row) else (column, 0)
 
 
@@ -108,16 +107,16 @@ def whole(columns: Columns, names: Sequence[str]) -> Array:
 
 
 def arrays(columns: Iterable[Any]) -> list[Array]:
-    """Return the arrays in which columns stand, each once."""
+    """Return the arrays that hold some columns, each once."""
     return list({id(array): array for array, _ in map(located, columns)}.values())
 
 
 def rebuilt(columns: Columns, make: Callable[[str, Array], Array]) -> dict[str, Any]:
-    """Return columns of the same names in new arrays, of which each is made once.
+    """Return columns of the same names in new arrays; each array is made once.
 
     Args:
         columns: columns by name.
-        make: takes the name of a column and its array; returns the new array, of as many rows.
+        make: takes the name of a column and its array; returns the new array, with as many rows.
     """
     made: dict[int, Array] = {}
     found = {}

@@ -1,4 +1,4 @@
-"""Start Taichi once, let one thread at a time use it, and move arrays between host and device.
+"""Start Taichi once, serialise its use by threads, and move arrays between host and device.
 
 `ti.init` wipes every array of the process, so a process keeps the backend that it started with.
 """
@@ -24,27 +24,27 @@ from kernels.runtime.dtypes import DTYPES
 from kernels.runtime.memory import CGROUPS
 from kernels.runtime.taichi_way import way
 
-# warnings come to standard error unless a program sends them elsewhere
+# warnings go to standard error unless a program redirects them
 LOG = logging.getLogger("drift")
-LEAST_SPACE = "2 to 3 GiB"  # that a small run maps, of which it uses a tenth
-# environment variable that tells Taichi where compiled kernels are kept
+LEAST_SPACE = "2 to 3 GiB"  # address space that a small run maps; it uses a tenth of it
+# environment variable of Taichi: folder of compiled kernels
 NAMED = "TI_OFFLINE_CACHE_FILE_PATH"
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
-# in place of a backend: a card where there is one and it is worth it, else the processor
+# instead of a backend: a graphics card if there is one and it pays off, else the processor
 AUTO = "auto"
-# in what backends say of that
+# parts of backends' messages when memory is full
 FULL = ("out of memory", "out_of_memory", "OUT_OF_DEVICE_MEMORY", "OUT_OF_HOST_MEMORY")
 
 _started: dict[str, object] = {}
-_use = threading.RLock()  # held by the thread that uses Taichi
+_use = threading.RLock()  # locked by the thread that uses Taichi
 
 
 @contextlib.contextmanager
 def alone() -> Iterator[None]:
-    """Wait until no other thread uses Taichi, and keep it for this one meanwhile; may be nested.
+    """Wait until no other thread uses Taichi, then reserve it for this thread; may be nested.
 
-    Taichi's compiler keeps what it compiles at the moment in variables of the process: a second
-    thread that launches meanwhile gets errors from the middle of the compiler, or ends the process.
+    Taichi's compiler keeps its current state in variables of the process: a second thread that
+    launches at the same time gets errors from the middle of the compiler, or crashes the process.
     """
     with waiting.hold_lock(_use):
         yield
@@ -53,7 +53,7 @@ def alone() -> Iterator[None]:
 def cores() -> int:
     """Return the number of cores that this process may use.
 
-    That is the least of the machine's, its affinity's and its container's quota.
+    It is the smallest of the machine's, its affinity's and its container's quota.
     """
     try:
         count = len(os.sched_getaffinity(0))
@@ -64,16 +64,16 @@ def cores() -> int:
 
 
 def _quota() -> float | None:
-    """Return the cores' worth of time that the container grants, None without a limit.
+    """Return the container's CPU quota in cores; None without a limit.
 
-    Reads Linux control groups, version 2 or 1.
+    It reads Linux control groups, version 2 or 1.
     """
     for names in (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
         try:
             granted, period = " ".join((CGROUPS / name).read_text() for name in names).split()
             if int(granted) > 0 and int(period) > 0:
                 return int(granted) / int(period)
-        except (OSError, ValueError):  # there is none, or it says "max"
+        except (OSError, ValueError):  # no such file, or it contains "max"
             continue
     return None
 
@@ -81,12 +81,15 @@ def _quota() -> float | None:
 def start(backend: str = "cpu", threads: int | None = None, lanes: int | None = None) -> None:
     """Start Taichi on a backend with a number of CPU threads; once started, keep it.
 
-    backend: one of BACKENDS, or AUTO, which keeps what runs already; threads: `cores()` by default
-    and at most; lanes: how many particles, or clouds of a tracking case, are to be moved side by
-    side, for AUTO.
+    Args:
+        backend: one of BACKENDS, or AUTO, which keeps a backend that is already running.
+        threads: `cores()` by default and at most.
+        lanes: for AUTO: how many particles, or clouds of a tracking case, are to be moved side by
+            side.
 
-    Raises UserError when the backend is unknown or this machine lacks it, when another one runs
-    already, or on a graphics card from another thread than the one that started it.
+    Raises:
+        UserError: the backend is unknown, missing on this machine, or another one is running; or a
+            graphics card is used from another thread than the one that started it.
     """
     if backend not in (*BACKENDS, AUTO):
         raise UserError(
@@ -123,9 +126,7 @@ def start(backend: str = "cpu", threads: int | None = None, lanes: int | None = 
 
 
 def _automatic(lanes: int | None, threads: int) -> Choice:
-    """Start what AUTO takes, and return it; where a card does not start that should, start the
-    processor.
-    """
+    """Start the choice of AUTO and return it; if its card fails to start, start the processor."""
     choice = devices.automatic(lanes, drivers.ask)
     if choice.device is not None:
         try:
@@ -139,9 +140,9 @@ def _automatic(lanes: int | None, threads: int) -> Choice:
 
 
 def _init(backend: str, threads: int, device: Device | None) -> None:
-    """Start Taichi; raise UserError where it does not start."""
+    """Start Taichi; raise UserError if it fails to start."""
     if backend == "vulkan" and device is not None:
-        # Taichi ranks devices in another way, and ends at "abc"
+        # Taichi ranks devices differently, and crashes on "abc"
         os.environ[devices.PICKING] = str(device.number)
     try:
         with contextlib.redirect_stdout(io.StringIO()):
@@ -153,12 +154,13 @@ def _init(backend: str, threads: int, device: Device | None) -> None:
                 default_fp=ti.f32,
                 default_ip=ti.i32,
                 fast_math=False,
-                # The machine's compiler finds again whatever this pass finds in a kernel, and the
-                # pass takes time in proportion to the square of the kernel's length.
+                # The machine's compiler repeats whatever this pass optimises, and the pass takes
+                # time in proportion to the square of the kernel's length.
                 cfg_optimization=False,
-                advanced_optimization=backend != "cpu",  # likewise: half of the time of compiling
-                # A card's errors are raised, and would be printed too: a run prints one line of its
-                # own.
+                # for the same reason: it takes half of the time of compiling
+                advanced_optimization=backend != "cpu",
+                # A card's errors are raised, and would be printed as well: a run prints its own
+                # line.
                 log_level=ti.ERROR if backend == "cpu" else ti.CRITICAL,
                 **_caching(),
                 cpu_max_num_threads=threads,
@@ -171,26 +173,26 @@ def _init(backend: str, threads: int, device: Device | None) -> None:
 
 
 def _forsake() -> None:
-    """Have a copy of this process, such as one that draws, free no arrays of the card: its driver
-    serves no copies.
+    """Stop a forked copy of this process from freeing arrays of the card.
+
+    The card's driver serves no forked processes, such as one that plots.
     """
     ti.ScalarNdarray.__del__ = lambda self: None
 
 
 def _caching() -> dict[str, object]:
-    """Return Taichi's options for keeping compiled kernels from run to run, where its folder can be
-    written.
+    """Return Taichi's options for caching compiled kernels between runs.
 
-    Where it cannot, as in a read-only home, Taichi would end the process by a segmentation fault,
-    last of all, when it makes the folder. So kernels are not kept, and it is given a folder that is
-    there: its own.
+    If the folder cannot be written, as in a read-only home, Taichi would crash with a segmentation
+    fault at the end of the process, when it creates the folder. Kernels are then not cached, and
+    Taichi gets a folder that exists: its own.
     """
     cache = Path(os.environ.get(NAMED) or way.cache())
     try:
         cache.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=cache):
             pass
-        for file in cache.glob("*.tcb"):  # it may be another user's
+        for file in cache.glob("*.tcb"):  # raises OSError if the file is another user's
             file.open("ab").close()
     except OSError as error:
         LOG.warning(
@@ -200,15 +202,18 @@ def _caching() -> dict[str, object]:
             error.strerror,
             NAMED,
         )
-        os.environ.pop(NAMED, None)  # Taichi would warn that it does not count
+        os.environ.pop(NAMED, None)  # Taichi would warn that it ignores the variable
         return {"offline_cache": False, "offline_cache_file_path": str(Path(ti.__file__).parent)}
-    # Taichi takes this folder by itself; a fork knows neither the folder nor the variable.
+    # Taichi uses this folder by default; a fork knows neither the folder nor the variable.
     known = not taichi_way.fork and (taichi_way.inside or os.environ.get(NAMED))
     return {"offline_cache": True} | ({} if known else {"offline_cache_file_path": str(cache)})
 
 
 def _not_started(backend: str, error: Exception) -> UserError:
-    """Return why a backend does not start; another one is suggested only for a graphics card's."""
+    """Return the error of a backend that fails to start.
+
+    It suggests another backend only for a graphics card.
+    """
     why = _first_line(error)
     if backend != "cpu" and any(words in why for words in FULL):
         return UserError(
@@ -232,8 +237,9 @@ def _first_line(error: BaseException) -> str:
 
 
 def _check_same(backend: str, threads: int | None) -> None:
-    """Refuse another backend or number of threads than those that run, and a graphics card from
-    another thread.
+    """Reject a backend, number of threads or thread that does not fit the running backend.
+
+    A graphics card serves only the thread that started it.
     """
     if backend != _started["backend"] or threads not in (None, _started["threads"]):
         raise UserError(
@@ -248,7 +254,7 @@ def _check_same(backend: str, threads: int | None) -> None:
 
 
 def threads() -> int:
-    """Return how many threads Taichi runs on, or would run on if it was started now."""
+    """Return how many threads Taichi uses, or would use if it was started now."""
     return int(str(_started.get("threads", cores())))
 
 
@@ -258,10 +264,9 @@ def backend() -> str:
 
 
 def about() -> dict[str, str]:
-    """Return what files say of the running backend: its name, and its device where that is a
-    graphics card.
+    """Return the running backend's name, and its device if that is a graphics card, for outputs.
 
-    The driver is part of the device: it compiles what runs.
+    The driver is part of the device: it compiles the kernels.
     """
     device = _started.get("device")
     return {"backend": backend()} | (
@@ -270,16 +275,17 @@ def about() -> dict[str, str]:
 
 
 def told() -> str:
-    """Return what AUTO took and why, in a line; "" where it was not asked, or a warning has said
-    it.
+    """Return a line on the choice of AUTO and its reason.
+
+    It is "" if AUTO was not requested, or if a warning has reported the choice.
     """
     return str(_started.get("told", ""))
 
 
 def room() -> int | None:
-    """Return how much of the running device's own memory is free [bytes];
+    """Return the free memory of the running device's own [bytes].
 
-    None where it uses the processor's, or where it is unknown.
+    None if it uses the processor's memory, or if it is unknown.
     """
     device = _started.get("device")
     if not isinstance(device, Device):
@@ -290,9 +296,7 @@ def room() -> int | None:
 
 @contextlib.contextmanager
 def telling_full() -> Iterator[None]:
-    """Turn what a backend raises when its card is full into a line that says what to do
-    (UserError).
-    """
+    """Turn a backend's error on a full card into a UserError that says what to do."""
     try:
         yield
     except RuntimeError as error:
@@ -313,16 +317,15 @@ def empty(n: int, dtype=ti.f32) -> ti.Ndarray:
 def empty_nodes(n: int) -> ti.Ndarray:
     """Return a zeroed device array of n vectors of four float32.
 
-    One aligned fetch a node saves 10 % of the time of a step.
+    One aligned fetch per node saves 10 % of the time of a step.
     """
     return way.nodes(max(n, 1))
 
 
 def pairs(nodes: ti.Ndarray) -> np.ndarray | None:
-    """Return an array of `empty_nodes` where it lies, each node as two pairs of float32 in 64 bits
-    (n, 2).
+    """Return a view of an array of `empty_nodes`, each node as two 64-bit pairs of float32, (n, 2).
 
-    Return None where that is not to be had, as on any backend but the CPU.
+    None if there is no view, as on any backend but the CPU.
     """
     return way.pairs(nodes)
 
@@ -337,26 +340,24 @@ def upload(values: np.ndarray) -> ti.Ndarray:
 
 
 def resident(values: np.ndarray) -> np.ndarray | ti.Ndarray:
-    """Return a host array as kernels take it that read it again and again: a card holds a copy of
-    it.
-    """
+    """Return a host array as kernels take it repeatedly: a graphics card gets a copy."""
     return values if _started.get("backend") == "cpu" else upload(values)
 
 
 def residents(*values: np.ndarray) -> list[np.ndarray | ti.Ndarray]:
     """Return host arrays as a kernel takes them that only reads them.
 
-    CUDA would copy NumPy arrays back, too, and have the host wait for it. On Vulkan a copy of one's
-    own is a launch with a NumPy array, which gains nothing.
+    CUDA would also copy NumPy arrays back, and the host would wait for that. On Vulkan, an explicit
+    copy is itself a launch with a NumPy array, so it gains nothing.
     """
     return [upload(each) for each in values] if _started.get("backend") == "cuda" else list(values)
 
 
 def copy(values: ti.Ndarray, into: ti.Ndarray | None = None) -> ti.Ndarray:
-    """Return a copy of a device array of scalars; into: an earlier one, in whose place it is made
-    where that is as large.
+    """Return a copy of a device array of scalars.
 
-    New memory costs more than what is copied into it.
+    into: an array to overwrite, if its size and type fit. New memory costs more than the copy
+    itself.
     """
     fits = into is not None and into.shape == values.shape and into.dtype == values.dtype
     fresh = into if fits else way.column(values.dtype, values.shape[0], zeroed=False)
@@ -365,5 +366,5 @@ def copy(values: ti.Ndarray, into: ti.Ndarray | None = None) -> ti.Ndarray:
 
 
 def wait() -> None:
-    """Wait until the device has done all that was launched; used for timing."""
+    """Wait until the device has finished all launches; used for timing."""
     ti.sync()

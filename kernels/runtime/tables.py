@@ -1,8 +1,7 @@
-"""Tables in device arrays of two dimensions: a row for each thing, a column for each of its
-numbers.
+"""Tables in two-dimensional device arrays: a row for each object, a column for each of its numbers.
 
-Where one thread reads many numbers of one thing they lie side by side so; where neighbouring
-threads read the same number of many things, kernels.runtime.rows is the layout.
+This layout suits threads that each read many numbers of one object, which are adjacent. If
+neighbouring threads read the same number of many objects, use kernels.runtime.rows.
 """
 
 from typing import Any
@@ -14,7 +13,7 @@ from kernels.runtime.dtypes import DTYPES
 
 
 def empty(many: int, columns: int, dtype: type) -> Any:
-    """Return a table of zeros on the device; it has one row at least, as no array may be empty."""
+    """Return a table of zeros on the device, with at least one row, as no array may be empty."""
     return ti.ndarray(DTYPES[np.dtype(dtype)], (max(many, 1), columns))
 
 

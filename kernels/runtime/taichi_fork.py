@@ -1,10 +1,9 @@
-"""A fork of Taichi in place of it, with groups of arguments (`ti.types.argpack`), which forks do
-not have.
+"""Use a fork of Taichi in its place, and add the packs of arguments (`ti.types.argpack`) it lacks.
 
 A fork's kernel takes an object that holds arrays as a template, and compiles again for each object.
-So every launch of a kernel hands its groups over in the same objects, which take up the arrays of
-the groups and keep them until the next one. A template's numbers are part of what is compiled:
-numbers of a group go in as an array.
+Every launch of a kernel therefore passes its packs in the same objects, which take over the arrays
+of the packs until the next launch. Numbers of a template are compiled in, so the numbers of a pack
+are passed as an array.
 """
 
 import functools
@@ -20,14 +19,14 @@ import numpy as np
 
 
 class Kind:
-    """A kind of group: its members' annotations by name."""
+    """A type of pack: its members' annotations by name."""
 
     def __init__(self, **members: Any) -> None:
         self.members = members
         self.vectors = [name for name, kind in members.items() if hasattr(kind, "n")]
 
     def __call__(self, **values: Any) -> "Group":
-        """Return a group with these values."""
+        """Return a pack with these values."""
         return Group(
             self,
             values | {name: _numbers(self.members[name], values[name]) for name in self.vectors},
@@ -35,14 +34,14 @@ class Kind:
 
 
 class Group:
-    """A group of arguments: its arrays by name."""
+    """A pack of arguments: its arrays by name."""
 
     def __init__(self, kind: Kind, arrays: dict[str, Any]) -> None:
         self.kind, self.arrays = kind, arrays
 
 
 def register(name: str) -> None:
-    """Have `import taichi` give the fork of this name, which prints no banner then."""
+    """Make `import taichi` return the fork of this name, without its banner."""
     if "taichi" in sys.modules:
         raise ImportError(
             "DRIFT_TAICHI: this program has imported taichi already; import drift first"
@@ -59,7 +58,7 @@ def register(name: str) -> None:
 
 
 def _numbers(kind: Any, values: Any) -> Any:
-    """Return a device array of a vector's numbers."""
+    """Return a vector's numbers as a device array."""
     import taichi as ti
 
     from kernels.runtime.dtypes import NUMPY
@@ -71,7 +70,7 @@ def _numbers(kind: Any, values: Any) -> Any:
 
 @functools.cache
 def _shell(fork: ModuleType) -> type:
-    """Return the type of objects in which groups are handed over."""
+    """Return the type of the objects that pass packs to kernels."""
 
     @fork.func
     def number(vector: fork.template(), k: fork.template()):
@@ -79,7 +78,7 @@ def _shell(fork: ModuleType) -> type:
 
     @fork.data_oriented
     class Vector:
-        """The numbers of a vector, which a kernel may give to a variable, as it may not an array."""
+        """The numbers of a vector. A kernel may assign it to a variable, unlike an array."""
 
         def __getitem__(self, k: Any) -> Any:
             return number(self, k)
@@ -97,7 +96,7 @@ def _shell(fork: ModuleType) -> type:
 
 
 def _kernel(fork: ModuleType, function: Callable[..., None]) -> Callable[..., None]:
-    """Return a function as the fork's kernel, which takes groups, and numbers of NumPy."""
+    """Return a function as the fork's kernel that accepts packs and NumPy scalars."""
     signature = inspect.signature(function)
     notes = {name: one.annotation for name, one in signature.parameters.items()}
     places = [place for place, kind in enumerate(notes.values()) if isinstance(kind, Kind)]
@@ -110,7 +109,7 @@ def _kernel(fork: ModuleType, function: Callable[..., None]) -> Callable[..., No
     def launch(*args: Any) -> None:
         own = [value.item() if isinstance(value, np.generic) else value for value in args]
         ids = [id(array) for place in places for array in args[place].arrays.values()]
-        # What is compiled takes an array that stands in several places once.
+        # A compiled kernel takes an array once, even if it occurs several times.
         same = tuple(map(ids.index, ids)) if len(set(ids)) < len(ids) else ()
         if same not in shells:
             shells[same] = [_shell(fork)() for _ in places]

@@ -1,10 +1,9 @@
-"""Taichi 1.7.4 by its insides: what its public interface does not offer, or does several times
-slower.
+"""Taichi 1.7.4 through its internals: functions that are missing or slow in its public interface.
 
-Everything that reaches into Taichi stands here, and kernels.runtime.taichi_public has the same
-functions without it, for any other release; kernels.runtime.taichi_way chooses. A kernel with its
-arguments set once relies on kernel_impl.Kernel.launch_kernel, a column that is read where it lies
-on Program.get_ndarray_data_ptr_as_int.
+This module contains everything that uses Taichi's internals. kernels.runtime.taichi_public has the
+same functions without them, for any other release; kernels.runtime.taichi_way chooses. Kernels with
+bound arguments rely on kernel_impl.Kernel.launch_kernel, views of columns on
+Program.get_ndarray_data_ptr_as_int.
 """
 
 import ctypes
@@ -36,21 +35,21 @@ from kernels.runtime.dtypes import KINDS, NUMPY
 
 Launch = Callable[..., None]
 
-_backend = "none"  # that has been started
-# By kernel and compile-time arguments: what was compiled, and its machine code.
+_backend = "none"  # the backend that has been started
+# By kernel and compile-time arguments: the compiled kernel and its machine code.
 _known: dict[tuple, tuple[Any, Any]] = {}
 
 
 def cache() -> Path:
-    """Return the folder in which Taichi keeps compiled kernels, by default."""
+    """Return Taichi's default folder of compiled kernels."""
     return Path(impl.default_cfg().offline_cache_file_path)
 
 
 def begin(backend: str) -> None:
-    """Make ready what has just been started.
+    """Prepare the backend that has just been started.
 
     Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at
-    the first launch, in whatever thread; kernels are compiled and launched from any.
+    the first launch, in whatever thread; afterwards any thread may compile and launch kernels.
     """
     global _backend
     _backend = backend
@@ -59,18 +58,17 @@ def begin(backend: str) -> None:
 
 
 def _place(self: Any, node: Any) -> str:
-    """Return where a node of a function's syntax tree stands, for messages of errors."""
+    """Return the source location of a node of a function's syntax tree, for error messages."""
     line = self.src[node.lineno - 1].strip()
     return f'File "{self.file}", line {node.lineno + self.lineno_offset}, in {self.func.func.__name__}:\n{line}\n'
 
 
 def _quicken() -> None:
-    """Have Taichi read each source once, and say of an error in which line it is: two fifths of the
-    time of reading.
+    """Make Taichi read each source once, and give only the line of an error: saves 40 % of reading.
 
-    It lays out the source of every single expression in lines of 80 characters, in case that there
-    is an error in it, and looks up, reads and lays out the source of a function wherever it is
-    called. What is compiled does not change.
+    Taichi formats the source of every single expression in lines of 80 characters in case it
+    contains an error, and looks up, reads and formats the source of a function wherever it is
+    called. The compiled code does not change.
     """
     ast_transformer_utils.ASTTransformerContext.get_pos_info = _place
     once = functools.lru_cache(None)
@@ -82,12 +80,12 @@ def _quicken() -> None:
 
 
 class Column(ti.ScalarNdarray):
-    """A device array of scalars, which on a CPU is read and written where it lies.
+    """A device array of scalars, which on a CPU is read and written in place.
 
     Taichi would launch a kernel for each copy.
 
-    It is made without the trace of the caller that Taichi's own array keeps for its messages: the
-    trace takes most of the time of making one.
+    It is created without the caller's stack trace, which Taichi's own array keeps for messages, and
+    which takes most of the time of creating one.
     """
 
     def __init__(self, dtype, n: int, zeroed: bool = True) -> None:
@@ -111,7 +109,7 @@ class Column(ti.ScalarNdarray):
         return super().to_numpy()
 
     def from_numpy(self, arr: np.ndarray) -> None:
-        """Take up the values of a host array of the same shape and type."""
+        """Write the values of a host array of the same shape and type."""
         fits = arr.dtype == NUMPY[self.dtype] and arr.shape == self.shape
         if _backend == "cpu" and fits:
             self._memory()[:] = arr
@@ -119,7 +117,7 @@ class Column(ti.ScalarNdarray):
             values = np.ascontiguousarray(arr)
             _copied("HtoD", _address(self.arr), values.ctypes.data, values.nbytes)
         else:
-            super().from_numpy(arr)  # it also says what is wrong with the array
+            super().from_numpy(arr)  # it also reports what is wrong with the array
 
     def _memory(self) -> np.ndarray:
         if self._host is None:
@@ -128,22 +126,22 @@ class Column(ti.ScalarNdarray):
 
 
 def _memory(array, n: int, kind: type) -> np.ndarray:
-    """Return n numbers of a device array where they lie in the memory of a CPU.
+    """Return a view of n numbers of a device array in the memory of a CPU.
 
-    The result does not keep the array alive, and must not be used after it.
+    The view does not keep the array alive, and must not be used after it.
     """
     return np.frombuffer((kind * n).from_address(_address(array)), kind)
 
 
 def _address(array: Any) -> int:
-    """Return where a device array lies: an address of the CPU or of a card of NVIDIA's."""
+    """Return the address of a device array, on the CPU or on an NVIDIA card."""
     return impl.get_runtime().prog.get_ndarray_data_ptr_as_int(array)
 
 
 def _copied(way: str, to: int, of: int, size: int) -> None:
-    """Copy bytes by CUDA's driver when all that was launched is done; way: HtoD, DtoH or DtoD.
+    """Copy bytes with CUDA's driver after all launches have finished; way: HtoD, DtoH or DtoD.
 
-    Taichi's own copies launch a kernel that takes a NumPy array, which goes both ways.
+    Taichi's own copies launch a kernel with a NumPy array, which is copied both ways.
     """
     driver, context = _driver()
     failed = driver.cuCtxSetCurrent(context)
@@ -154,9 +152,7 @@ def _copied(way: str, to: int, of: int, size: int) -> None:
 
 @functools.cache
 def _driver() -> tuple[Any, Any]:
-    """Return CUDA's driver and the context in which Taichi has its arrays: the first card's primary
-    one.
-    """
+    """Return CUDA's driver and the context of Taichi's arrays: the first card's primary context."""
     driver = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so")
     device, context = ctypes.c_int(), ctypes.c_void_p()
     driver.cuDeviceGet(ctypes.byref(device), 0)
@@ -181,7 +177,7 @@ def copy_into(values: Column, fresh: Column) -> None:
 
 
 def lying(held: Column) -> np.ndarray | None:
-    """Return a column where it lies in a CPU's memory; None on a card.
+    """Return a view of a column in a CPU's memory; None on a graphics card.
 
     It must not be used after the column is gone.
     """
@@ -200,30 +196,28 @@ def nodes(n: int) -> ti.Ndarray:
 
 
 def _free(program: Any, array: Any, owner: int) -> None:
-    """Free an array, in the process that made it: the driver of a card serves no copies of the
-    process.
-    """
+    """Free an array in the process that created it: a card's driver serves no forked processes."""
     if os.getpid() == owner:
         program.delete_ndarray(array)
 
 
 def pairs(held: ti.Ndarray) -> np.ndarray | None:
-    """Return an array of `nodes` where it lies, each as two pairs of float32 in 64 bits (n, 2);
+    """Return a view of an array of `nodes`, each as two 64-bit pairs of float32, (n, 2).
 
-    None on a card.
+    None on a graphics card.
     """
     n = held.shape[0]
     return _memory(held.arr, 2 * n, ctypes.c_int64).reshape(n, 2) if _backend == "cpu" else None
 
 
 class Pack(ArgPack):
-    """A group of a kernel's arguments, made in a fraction of the time that Taichi's own takes.
+    """A pack of a kernel's arguments, created in a fraction of the time that Taichi's own takes.
 
-    Taichi makes a new class for each.
+    Taichi creates a new class for each.
     """
 
     def __init__(self, kind: ArgPackType, members: dict[str, Any]) -> None:
-        """Write what is no array to the device; arrays are handed over at the launch."""
+        """Write all members but arrays to the device; arrays are passed at the launch."""
         self._ArgPack__entries = members
         self._ArgPack__annotations = kind.members
         self._ArgPack__dtype = kind.dtype
@@ -243,9 +237,9 @@ pack = Pack
 def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
     """Return a function that launches a kernel with these arguments.
 
-    The function takes the whole numbers named in `changing`; all other arguments stay as they are.
-    Arrays are `ti.Ndarray`s, and stay alive as long as the function does, alone or in a `pack`; a
-    structure comes as a dict.
+    The function takes the whole numbers named in `changing`; all other arguments are fixed. Arrays
+    are `ti.Ndarray`s and stay alive as long as the function does, alone or in a `pack`; a structure
+    is given as a dict.
     """
     primal = kernel._primal
     program = impl.get_runtime().prog
@@ -275,7 +269,7 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
             packed += [
                 own.arr for kind, own in members if isinstance(kind, ndarray_type.NdarrayType)
             ]
-    # Taichi puts the arrays of groups after all else.
+    # Taichi puts the arrays of packs after all other arguments.
     arrays += [((len(real) + k,), array) for k, array in enumerate(packed)]
     slots = [(next(k for k, (a, _) in enumerate(real) if a.name == name),) for name in changing]
 
@@ -288,13 +282,13 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
                 _set(context, place, argument.annotation, value)
         return context
 
-    # A launch on CUDA frees a buffer of the context, and leaves its address there: such a context
-    # serves once.
+    # A launch on CUDA frees a buffer of the context but leaves its address there: such a context
+    # can be used only once.
     lasting = None if _backend == "cuda" else fresh()
 
     def launch_bound(*values: int, kept: tuple = args) -> None:
         context = lasting or fresh()
-        for slot, array in arrays:  # set again each time: a launch turns arrays into addresses
+        for slot, array in arrays:  # set again each time, as a launch turns arrays into addresses
             context.set_arg_ndarray(slot, array)
         for slot, value in zip(slots, values, strict=True):
             context.set_arg_int(slot, value)
@@ -304,7 +298,7 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
 
 
 def _structured(primal: Any, args: tuple) -> list:
-    """Return the arguments with structures as Taichi takes them, which are slow to make."""
+    """Return the arguments with structures as Taichi takes them; these are slow to create."""
     each = zip(primal.arguments, args, strict=True)
     return [
         a.annotation(**_typed(a.annotation, v)) if isinstance(a.annotation, StructType) else v
@@ -313,7 +307,7 @@ def _structured(primal: Any, args: tuple) -> list:
 
 
 def _typed(kind: StructType, numbers: dict[str, float]) -> dict[str, float]:
-    """Return numbers as floats where a structure holds floats: it takes no others."""
+    """Return numbers as floats if the structure's member is one: Taichi accepts nothing else."""
     real = primitive_types.real_types
     return {
         name: float(numbers[name]) if dtype in real else numbers[name]
@@ -322,7 +316,7 @@ def _typed(kind: StructType, numbers: dict[str, float]) -> dict[str, float]:
 
 
 def _set(context: Any, place: int, kind: Any, value: Any) -> None:
-    """Set one argument of a launch that is no array."""
+    """Set one argument of a launch that is not an array."""
     if isinstance(kind, MatrixType):
         kind.set_kernel_struct_args(kind(*(value[k] for k in range(kind.n))), context, (place,))
     elif isinstance(kind, StructType):

@@ -1,8 +1,7 @@
-"""Taichi by its public interface alone: for releases other than 1.7.4, whose insides are not known
-here.
+"""Taichi through its public interface only, for releases other than the known 1.7.4.
 
 It has the functions of kernels.runtime.taichi_inside, with the same bits and more time: a launch
-looks at all arguments again, columns are copied by kernels, and arrays of nodes are freed as that
+inspects all arguments again, columns are copied by kernels, and arrays of nodes are freed as that
 release does it (1.7.4 never does).
 """
 
@@ -19,14 +18,12 @@ _Structure = type(ti.types.struct(one=ti.f32))
 
 
 def cache() -> Path:
-    """Return the folder in which Taichi keeps compiled kernels, by default."""
+    """Return the default folder of compiled kernels."""
     return Path.home() / ".cache" / ti.__name__ / "ticache"
 
 
 def begin(backend: str) -> None:
-    """Make ready what has just been started: only the thread of ti.init may lay out the (empty)
-    tree of fields.
-    """
+    """Prepare the backend: only the thread of ti.init may lay out the (empty) tree of fields."""
     ti.sync()
 
 
@@ -41,7 +38,7 @@ def copy_into(values: ti.Ndarray, fresh: ti.Ndarray) -> None:
 
 
 def lying(held: ti.Ndarray) -> np.ndarray | None:
-    """Return None: where an array lies is not public."""
+    """Return None: the address of an array is not public."""
     return None
 
 
@@ -51,18 +48,19 @@ def nodes(n: int) -> ti.Ndarray:
 
 
 def pairs(held: ti.Ndarray) -> np.ndarray | None:
-    """Return None: where an array lies is not public."""
+    """Return None: the address of an array is not public."""
     return None
 
 
 def pack(kind: Any, members: dict[str, Any]) -> Any:
-    """Return a group of arguments of a kind (`ti.types.argpack`)."""
+    """Return a pack of arguments (`ti.types.argpack`)."""
     return kind(**members)
 
 
 def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
-    """Return a function that launches a kernel with these arguments, as
-    kernels.runtime.taichi_inside.bind does.
+    """Return a function that launches a kernel with these arguments.
+
+    See kernels.runtime.taichi_inside.bind.
     """
     parameters = list(inspect.signature(kernel).parameters.values())
     places = [next(k for k, one in enumerate(parameters) if one.name == name) for name in changing]
@@ -77,8 +75,9 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
 
 
 def _structured(kind: Any, value: Any) -> Any:
-    """Return an argument as Taichi takes it: a structure holds floats where its kind does, and
-    takes no others.
+    """Return an argument as Taichi takes it: float members of a structure get floats.
+
+    Taichi accepts nothing else for these.
     """
     if not isinstance(kind, _Structure):
         return value

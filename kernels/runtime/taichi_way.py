@@ -1,13 +1,11 @@
-"""How Taichi is used: by the insides of the release that is known, else by its public interface
-alone.
-"""
+"""Choice of the interface to Taichi: internals of the known release, or public functions."""
 
 import os
 
 import taichi as ti
 
-KNOWN = (1, 7, 4)  # release whose insides kernels.runtime.taichi_inside uses
-# environment variable: 1 takes the public interface whatever the release, for tests
+KNOWN = (1, 7, 4)  # release whose internals kernels.runtime.taichi_inside uses
+# environment variable: 1 selects the public interface for any release, for tests
 PLAIN = "DRIFT_PLAIN_TAICHI"
 
 fork = ti.__name__ != "taichi"  # see kernels.runtime.taichi_fork

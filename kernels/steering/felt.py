@@ -1,11 +1,10 @@
-"""How fast the current sets targets under way off their dead-reckoned track, where they do not make
-it good.
+"""Set of targets under way: the current that carries them off their dead-reckoned track.
 
-A vessel that keeps its course by dead reckoning heads and goes through the water as its itinerary
-has it, and the current at the place where it really is carries it besides: dX/dt = way through the
-water + current(X, t). Its course is a compass course: at a higher latitude than reckoned with, the
-same way east spans more longitude. What sets it off is held constant over a step, as it is in the
-step's middle (the explicit midpoint rule, of order 2).
+A vessel that steers by dead reckoning heads and moves through the water as its itinerary says, and
+the current at its true position carries it in addition: dX/dt = velocity through the water +
+current(X, t). Its course is a compass course: at a higher latitude than reckoned, the same distance
+east spans more longitude. The set is held constant over a step, at its value in the step's middle
+(the explicit midpoint rule, of order 2).
 """
 
 from typing import Any
@@ -114,14 +113,23 @@ def feel(
     memory: float,
     step: Any,
 ) -> None:
-    """Write how fast the current sets targets off during the step about to be made, and make a step
-    of its error.
+    """Write the velocity of each target's set for the step to be made; advance its current error.
 
-    columns: by name, those of kernels.steering.steer.COLUMNS; own, plan, seed, coast: see
-    kernels.steering.steer. error: by name, the columns of errors.ROWS [m/s], float32 (n,), and of
-    members where the tiles have any. tiles, ranges: of the current over the step. std [m/s], memory
-    [s]: of the current's error, a component. A target where the current is not known is lost: it
-    has no forcing.
+    A target at a position without current data becomes OUTSIDE: it has no forcing.
+
+    Args:
+        columns: by name, those of kernels.steering.steer.COLUMNS; updated.
+        own: the slots of steering targets.
+        plan: see kernels.steering.steer.
+        seed: of the run.
+        coast: the coast; None: open sea.
+        error: by name, the columns of errors.ROWS [m/s], float32 (n,), and of members if the tiles
+            have any; updated.
+        tiles: of the current over the step.
+        ranges: first and last tile by quantity.
+        std: standard deviation of a component of the current's error [m/s].
+        memory: decorrelation time of the current's error [s].
+        step: the step to be made.
     """
     for middle in (0, 1):
         lon, lat = runtime.copy(columns["lon"]), runtime.copy(columns["lat"])

@@ -1,10 +1,9 @@
-"""Itineraries: the phases of what steers, and how each draws the next way point when one is
-reached.
+"""Itineraries of steering targets: their phases, and the draw of each next way point.
 
-A target follows way points with times, one after the other. What is settled at its birth (when it
-starts, how fast it is, on which side of a lane it keeps, where it goes in the end) is a function of
-its birth slot, so that a copy made by resampling keeps it; what chance decides later has the
-target's own slot in its key, so that copies part.
+A target passes timed way points, one after the other. Properties fixed at birth (its start, its
+speed, its side of a lane, its destination) are functions of its birth slot, so that copies made by
+resampling keep them. Later random choices use the target's own slot as a key, so that copies
+diverge.
 
 All phases of all scenarios lie in one `Plan`. Times are whole seconds after the run's start.
 """
@@ -20,73 +19,76 @@ from kernels.runtime import launch, runtime
 from kernels.step.coast import Ints, Reals, is_wet
 from kernels.step.prior import inside_ring
 
-# Numbers in a row of each table of a `Plan`.
+# Row lengths of the tables of a `Plan`.
 STORY, STORY_LAW, PHASE, PHASE_LAW, POINT, POINT_LAW = 5, 5, 9, 18, 11, 14
 BEHAVIOUR, VERTEX_IN_TIME = 8, 3
 
 WAY, COURSE, LOITER, ACTS = range(4)  # kinds of phases
-FREE, SEEKING, HIDING = range(1, 4)  # what a target that acts is about: its leg
-NORMAL, BOX, DISC, RING, ACROSS, ASIDE = range(6)  # laws of a way point's place
-BY_SPEED, AT_TIME, NORMAL_TIME = range(3)  # laws of its time
+FREE, SEEKING, HIDING = range(1, 4)  # intentions of a target that acts, stored as its leg
+NORMAL, BOX, DISC, RING, ACROSS, ASIDE = range(6)  # distributions of a way point's position
+BY_SPEED, AT_TIME, NORMAL_TIME = range(3)  # distributions of its time
 
-AWAY, BETWEEN, RATE, SHARE = range(4)  # laws of distress; the first: there is none
-# bits of what land means: way points are drawn in water; a target that meets the shore stops there
+AWAY, BETWEEN, RATE, SHARE = range(4)  # distributions of the distress; AWAY: there is none
+# bits of the effect of land: way points are drawn in water; a target stops at the shore
 WET, STOPPED = 1, 2
 
-NEVER = 2**31 - 1  # [s] a time that does not come
-TRIES = 256  # candidates of a way point: place in water and time in order; the last one stays
-TIMES = 256  # the first number of words for times, after those for places
-WORDS = 512  # numbers of words for each piece of way
-# [m] before the edge of its polygon at which a loiterer turns, so that rounding puts it on no wrong
-# side
+NEVER = 2**31 - 1  # [s] later than any time of a run
+# candidates of a way point, with a position in water and a feasible time; if none fits, the last
+# one is used
+TRIES = 256
+TIMES = 256  # number of the first random words for times, after those for positions
+WORDS = 512  # random words reserved for each piece of path
+# [m] distance from the edge of its polygon at which a loitering target turns, so that rounding does
+# not put it on the wrong side
 INWARD = 10.0
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 
-# The tables of all itineraries, those of whole numbers in one array, the others in another. `_at`:
-# where a table begins in its array. Those by phase, which are read most, stand first.
+# Tables of all itineraries: integers in one array, floats in another. `_at`: where a table begins
+# in its array. Tables by phase, which are read most often, come first.
 Plan = ti.types.argpack(
-    # By phase: kind; first way point, those all targets pass, destinations to choose from after
-    # them; first vertex of a ring, its vertices; when it is over [s], how long it lasts at most
-    # [s]; when it starts at the earliest [s], for times of way points; row of its behaviour.
+    # By phase: kind; first way point, number of those that all targets pass, number of destinations
+    # to choose from after them; first vertex of a ring, its vertices; end [s], longest duration
+    # [s]; earliest start [s], for times of way points; row of its behaviour.
     numbers=Ints,
     # By phase: course [rad] (4), speed [m/s] (4), start after the earliest [s] (4): see
     # spreads.triangle; mean time between changes of course [s], 0: none; mean length of a leg [m];
     # K [m/sqrt(s)], standard deviation of its logarithm; lowest and highest speed made good between
     # way points with times [m/s].
     laws=Reals,
-    # Vertices (lon, lat) of rings; this one counts in pairs of numbers.
+    # Vertices (lon, lat) of rings; this offset counts pairs of numbers.
     vertices_at=ti.i32,
-    # By scenario: first phase, the one after its last; bits of what land means; law of the
-    # distress, and its earliest time [s].
+    # By scenario: first phase, the one after its last; bits of the effect of land; distribution of
+    # the distress, and its earliest time [s].
     stories_at=ti.i32,
-    # By way point: law of the place; lon, lat; first vertex of a ring, its vertices; the ring's box
-    # (west, south, width, height); law of the time, and its beginning or mean [s after the start].
+    # By way point: distribution of the position; lon, lat; first vertex of a ring, its vertices;
+    # the ring's box (west, south, width, height); distribution of the time, and its begin or mean
+    # [s after the start].
     points_at=ti.i32,
-    # By vertex of the trackers' ways: time [s], ascending in each; lon, lat
+    # By vertex of the trackers' tracks: time [s], ascending in each; lon, lat
     tracks_at=ti.i32,
     # By scenario: distress after the earliest time [s], or by share of the voyage (4), see
     # spreads.triangle; its rate [1/s].
     story_laws_at=ti.i32,
     # By way point: major, minor axis [m] and orientation [rad from north] (of a lane: half width,
-    # -, bearing of the displacement); distance from the way point before [m]; how much of the
-    # deviation from the way point before it has, east of east, east of north, north of east, north
-    # of north; time (4), see spreads.triangle, or its standard deviation [s]; largest cos(lat) in
-    # the ring; probability of this destination and those before.
+    # -, bearing of the displacement); distance from the way point before [m]; coefficients of the
+    # deviation from the way point before: east of east, east of north, north of east, north of
+    # north; time (4), see spreads.triangle, or its standard deviation [s]; largest cos(lat) in the
+    # ring; cumulative probability of this destination.
     point_laws_at=ti.i32,
-    # By behaviour: least and longest time between acts [s]; probability to change, to seek, to hide
-    # and to leave that; sector on either side in which one hides [rad]; highest speed [m/s]. Its
-    # phase's vertices are those of `tracks`.
+    # By behaviour: shortest and longest time between acts [s]; probabilities to change course, to
+    # seek, to hide, and to stop either; half sector of hiding courses [rad]; highest speed [m/s].
+    # Its phase's vertices are those of `tracks`.
     behaviours_at=ti.i32,
 )
-# tables in the order in which they stand
+# tables in their order in the arrays
 NUMBERS = ("phases", "vertices", "stories", "points", "tracks")
 LAWS = ("phase_laws", "story_laws", "point_laws", "behaviours")
 
 
 def packed(tables: Mapping[str, np.ndarray]) -> Any:
-    """Return a `Plan` of tables by name, flat: int32 those of NUMBERS, float32 those of LAWS.
+    """Return a `Plan` from named flat tables: int32 those of NUMBERS, float32 those of LAWS.
 
     `vertices` holds lon, lat of rings.
     """
@@ -105,15 +107,13 @@ def packed(tables: Mapping[str, np.ndarray]) -> Any:
 
 @ti.dataclass
 class Target:
-    """Where a target is and where it goes next, by its dead reckoning; and how far the current has
-    set it off that.
-    """
+    """A target's dead-reckoned position, its next way point, and how far the current has set it."""
 
     lon: ti.i32
     lat: ti.i32
     time: ti.i32  # [s]
     phase: ti.i32  # number in the `Plan`
-    # number of the next way point; of a loiter, see `_loiter`; of what acts, FREE, SEEKING or
+    # number of the next way point; when loitering, see `_loiter`; when acting, FREE, SEEKING or
     # HIDING
     leg: ti.i32
     to_lon: ti.i32
@@ -123,39 +123,39 @@ class Target:
     course: ti.f32  # [rad]
     speed: ti.f32  # [m/s]
     over: ti.i32  # 1: it has reached its last way point
-    # [binary angle] how far off it was at `set_since`; nothing of what makes good the current
+    # [binary angle] set by the current at `set_since`; 0 for targets that correct for the current
     set_lon: ti.i32
     set_lat: ti.i32
-    rate_lon: ti.f32  # [binary angle/s] how fast it is set off
+    rate_lon: ti.f32  # [binary angle/s] velocity of the set
     rate_lat: ti.f32
     set_since: ti.i32  # [s]
 
 
 @ti.dataclass
 class Chance:
-    """The key of what chance decides for one target."""
+    """The key of one target's random numbers."""
 
     seed0: ti.u32
     seed1: ti.u32
-    birth: ti.i32  # slot in which it was born
-    slot: ti.i32  # slot in which it is
+    birth: ti.i32  # birth slot
+    slot: ti.i32  # present slot
     step: ti.i32  # number of the lattice step
-    count: ti.i32  # how many pieces of way it has made in the step
+    count: ti.i32  # number of pieces of its path in the step so far
 
 
 @ti.func
 def settled(key: Chance, phase: ti.i32, number: ti.i32) -> ti.types.vector(4, ti.u32):
-    """Return words of what is settled at birth for a phase.
+    """Return random words for a phase's properties that are fixed at birth.
 
     number: 0 for speed and destination, 1 for the start and K, 2 for the first course, 3 for the
-    side of the way.
+    side of the lane, 4 for the distress.
     """
     return noise.further(key.seed0, key.seed1, noise.STREAM_BIRTH, key.birth, 8 * phase + number, 0)
 
 
 @ti.func
 def drawn(key: Chance, number: ti.i32) -> ti.types.vector(4, ti.u32):
-    """Return words of what is drawn on the way."""
+    """Return random words for a choice made under way."""
     return noise.further(
         key.seed0, key.seed1, noise.STREAM_AIM, key.slot, key.step, key.count * WORDS + number + 1
     )
@@ -163,7 +163,7 @@ def drawn(key: Chance, number: ti.i32) -> ti.types.vector(4, ti.u32):
 
 @ti.func
 def first(key: Chance, phase: ti.i32) -> Chance:
-    """Return the key of a phase's first course, which is settled at birth."""
+    """Return the key of a phase's first course, which is fixed at birth."""
     own = key
     own.slot, own.step, own.count = key.birth, phase, -1
     return own
@@ -171,8 +171,9 @@ def first(key: Chance, phase: ti.i32) -> Chance:
 
 @ti.func
 def course_of(plan: ti.template(), key: Chance, phase: ti.i32):
-    """Return a course [rad] and a speed [m/s] of a phase that keeps them, and a word for when it
-    changes them.
+    """Return a course [rad], a speed [m/s], and a random word for the time of the next change.
+
+    They are drawn for a phase that keeps courses.
     """
     at = phase * PHASE_LAW
     w, v = drawn(key, 0), drawn(key, 1)
@@ -183,27 +184,26 @@ def course_of(plan: ti.template(), key: Chance, phase: ti.i32):
 
 @ti.func
 def law(table: ti.template(), first: ti.i32) -> f32x4:
+    """Return the four parameters of a distribution, see spreads.triangle."""
     return f32x4(table[first], table[first + 1], table[first + 2], table[first + 3])
 
 
 @ti.func
 def speed_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)) -> ti.f32:
-    """Return the speed [m/s] that is settled for a phase; words: those of number 0."""
+    """Return the speed [m/s] fixed at birth for a phase; words: those of number 0."""
     speeds = law(plan.laws, phase * PHASE_LAW + 4)
     return spreads.triangle(speeds, noise.uniform(words[0]), noise.uniform(words[1]))
 
 
 @ti.func
 def own_speed(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
-    """Return the speed [m/s] that is settled for a phase."""
+    """Return the speed [m/s] fixed at birth for a phase."""
     return speed_of(plan, phase, settled(key, phase, 0))
 
 
 @ti.func
 def own_start(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
-    """Return when [s] the itinerary of a phase starts: the time that offsets of its way points
-    count from.
-    """
+    """Return the start [s] of a phase's itinerary, from which offsets of its way points count."""
     w = settled(key, phase, 1)
     starts = law(plan.laws, phase * PHASE_LAW + 8)
     after = spreads.triangle(starts, noise.uniform(w[0]), noise.uniform(w[1]))
@@ -256,8 +256,7 @@ def draw_waypoint(
     before: f32x2,
     words: ti.types.vector(4, ti.u32),
 ):
-    """Return (lon, lat, found) of a way point: a candidate from its law; found: 0 if it missed the
-    ring.
+    """Return (lon, lat, found): a candidate for a way point; found: 0 if it lies outside the ring.
 
     before: deviation (east, north) [m] of the target from the centre of the way point before.
     """
@@ -313,7 +312,7 @@ def draw_waypoint(
 
 @ti.func
 def when(plan: ti.template(), point: ti.i32, start: ti.i32, word: ti.u32, other: ti.u32) -> ti.i32:
-    """Return the time [s] of a way point that has one of its own: a candidate from its law."""
+    """Return a candidate for the time [s] of a way point that has its own time distribution."""
     at = plan.point_laws_at + point * POINT_LAW + 8
     after = 0.0
     if plan.numbers[plan.points_at + point * POINT + 9] == AT_TIME:
@@ -327,9 +326,7 @@ def when(plan: ti.template(), point: ti.i32, start: ti.i32, word: ti.u32, other:
 
 @ti.func
 def set_at(target: Target, time: ti.i32):
-    """Return (dlon, dlat) [binary angle] by which the current has set a target off its
-    dead-reckoned track at a time [s].
-    """
+    """Return (dlon, dlat) [binary angle] by which the current has set a target at a time [s]."""
     lasting = ti.cast(time - target.set_since, ti.f32)
     dlon = target.set_lon + ti.cast(ti.round(target.rate_lon * lasting), ti.i32)
     return dlon, target.set_lat + ti.cast(ti.round(target.rate_lat * lasting), ti.i32)
@@ -351,7 +348,10 @@ def aim(
     target: Target,
     coast: ti.template(),
 ):
-    """Return a target that has reached its way point with the next one drawn; over: there is none."""
+    """Return a target that has reached its way point, with the next one drawn.
+
+    Its `over` is 1 if there is none.
+    """
     t = target
     t.over = 0
     settling = 1
@@ -406,8 +406,9 @@ def _way_point(
     point: ti.i32,
     coast: ti.template(),
 ):
-    """Return a target with a way point drawn: of a route, a track or a bridge, or one inside a
-    polygon.
+    """Return a target with its next way point drawn.
+
+    The way point belongs to a route, a track or a bridge, or lies inside a polygon.
     """
     t = target
     before = f32x2(0.0)
@@ -439,7 +440,7 @@ def _way_point(
         if t.leg == 0:
             length = far
         time = t.time + ti.max(ti.cast(ti.round(length / t.speed), ti.i32), 1)
-    elif good == 0:  # no candidate is in order: it arrives as soon as it can
+    elif good == 0:  # no candidate is feasible: it arrives as soon as it can
         time = t.time + ti.max(ti.cast(ti.ceil(far / fastest), ti.i32), 1)
     t.to_lon, t.to_lat, t.to_time, t.leg = x, y, time, t.leg + 1
     return t
@@ -447,7 +448,7 @@ def _way_point(
 
 @ti.func
 def _course(plan: ti.template(), key: Chance, target: Target):
-    """Return a target with a course and a speed, and when it changes them."""
+    """Return a target with a course, a speed, and the time of the next change drawn."""
     t = target
     rate = plan.laws[t.phase * PHASE_LAW + 12]
     own = key
@@ -465,11 +466,11 @@ def _course(plan: ti.template(), key: Chance, target: Target):
 
 @ti.func
 def _act(plan: ti.template(), key: Chance, target: Target):
-    """Return a target that has acted, and when it acts next.
+    """Return a target after one of its acts, with the time of the next act drawn.
 
-    It keeps its course, takes any other at any speed, or seeks or hides from then on: at each of
-    its acts it aims where it would meet the tracker, who is taken to keep its course, or about the
-    reciprocal of the bearing to it (Borovies 2007, Naval Postgraduate School,
+    It keeps its course, takes any other at any speed, or starts to seek or hide. From then on, at
+    each act, it aims to intercept the tracker, assuming that the tracker keeps its course, or about
+    the reciprocal of the tracker's bearing (Borovies 2007, Naval Postgraduate School,
     hdl.handle.net/10945/3648, figure 50). kernels.tracking.follower does the same for a tracker's
     clouds.
     """
@@ -506,7 +507,10 @@ def _act(plan: ti.template(), key: Chance, target: Target):
 
 @ti.func
 def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> ti.f32:
-    """Return the course [rad] of a target that seeks or hides, as it sees its tracker now."""
+    """Return the course [rad] of a target that seeks or hides from its tracker.
+
+    The tracker's position is the present one.
+    """
     tracker = t.phase * PHASE + 4
     x, y, pace = tracker_at(plan, plan.numbers[tracker], plan.numbers[tracker + 1], t.time)
     dlon, dlat = set_at(t, t.time)
@@ -515,8 +519,7 @@ def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> t
     if t.leg == HIDING:
         course += 3.141592653589793 + (2.0 * uniform - 1.0) * plan.laws[row + 6]
     else:
-        # What is across the line of sight must be the same for both: then the bearing stays and
-        # they meet.
+        # With equal velocities across the line of sight, the bearing stays constant and they meet.
         back = sphere.offset(x, y, t.lon + dlon, t.lat + dlat)
         far = ti.sqrt(back[0] * back[0] + back[1] * back[1])
         lead = (pace[1] * back[0] - pace[0] * back[1]) / ti.max(far * t.speed, 1e-6)
@@ -528,8 +531,9 @@ def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> t
 
 @ti.func
 def tracker_at(plan: ti.template(), vertex: ti.i32, many: ti.i32, time: ti.i32):
-    """Return (lon, lat, velocity east and north [m/s]) of a tracker at a time [s]; before and after
-    its way it stays.
+    """Return (lon, lat, velocity east and north [m/s]) of a tracker at a time [s].
+
+    Before and after its track it is stationary.
     """
     low, high = 0, many - 1
     while low < high:
@@ -550,7 +554,7 @@ def tracker_at(plan: ti.template(), vertex: ti.i32, many: ti.i32, time: ti.i32):
                 plan.numbers[b] - plan.numbers[a], ti.f32
             )
             x, y = sphere.exponential(x, y, share * way[0], share * way[1])
-            # By the farther of both ends: positions are whole units of 9 mm.
+            # Use the farther end: positions are rounded to 9 mm.
             if share < 0.5:
                 velocity = sphere.offset(x, y, plan.numbers[b + 1], plan.numbers[b + 2])
                 velocity /= ti.cast(plan.numbers[b] - time, ti.f32)
@@ -562,14 +566,15 @@ def tracker_at(plan: ti.template(), vertex: ti.i32, many: ti.i32, time: ti.i32):
 
 @ti.func
 def _loiter(plan: ti.template(), key: Chance, target: Target):
-    """Return a target with the next leg inside the polygon of its phase, and -1.
+    """Return a target with its next leg inside the polygon of its phase, and -1.
 
-    The leg is a great circle of exponential length in any direction; at the polygon's edge it is
-    reflected, with a length drawn again: an exponential law has no memory. So the law uniform in
-    the polygon stays uniform. leg: 0 as the phase begins, 1 inside, 2 + k at edge k.
+    The leg is a great circle of exponential length in a random direction. At the polygon's edge it
+    is reflected and its length drawn again, as the exponential distribution has no memory. A
+    uniform distribution in the polygon thus stays uniform. leg: 0 at the phase's begin, 1 inside, 2
+    + k at edge k.
 
-    A target that comes from outside goes in first, to any place in the polygon: the way point of
-    the number returned.
+    A target outside the polygon first goes to a random place in it: the way point whose number is
+    returned instead of -1.
     """
     t = target
     row, first = t.phase * PHASE, t.phase * PHASE_LAW
@@ -592,7 +597,7 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
     hit, crossed = -1, 0
     reach = angles.tan(ti.min(length * ti.f32(1.0 / sphere.RADIUS), 1.5))
     before = f32x2(0.0)
-    for k in range(many + 1):  # the last vertex comes first
+    for k in range(many + 1):  # start with the last vertex
         q = _gnomonic(plan, t.lon, t.lat, vertex + ti.select(k > 0, k - 1, many - 1))
         ex, ey = q[0] - before[0], q[1] - before[1]
         left, left_before = q[0] * c - q[1] * s > 0.0, before[0] * c - before[1] * s > 0.0
@@ -613,7 +618,7 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
         t.to_lon, t.to_lat = sphere.exponential(t.lon, t.lat, length * s, length * c)
         t.to_time = t.time + ti.max(ti.cast(ti.round(length / t.speed), ti.i32), 1)
     else:
-        point, t.leg = plan.numbers[row + 1], 0  # where it arrives, its leg is 1
+        point, t.leg = plan.numbers[row + 1], 0  # on arrival its leg is 1
     return t, point
 
 

@@ -1,14 +1,14 @@
-"""The pieces of particles' paths in a step, as every kernel of evidence takes them: `Paths`.
+"""Pieces of particles' paths in a step, the input of all evidence kernels: `Paths`.
 
-What drifts goes straight in a step, or in each of a few parts of it: `straight` has the ends of
-that one piece in columns. Before it moves and after it went ashore it lies still, which makes a
-piece at either end.
+A drifting particle moves straight in a step, or in each of a few parts of it; `Straights` holds the
+ends of that one piece in columns. It is stationary before it moves and after it strands, which
+makes one more piece at either end.
 
-What steers makes a list of pieces, which kernels.steering.steer writes once for every sensor that
-asks. The first piece stands at the target's own slot, all others behind the slots, wherever there
-was room; each says where the next one stands. What has arrived or lies aground has one piece more,
-on which it does not move. A piece may be a Brownian bridge. Where its shape matters it is halved at
-Levy's midpoints (`Part`), which are the same for every sensor that asks (kernels.maths.noise).
+A steering target has a list of pieces, which kernels.steering.steer writes once for all sensors.
+The first piece is stored at the target's own slot, all others behind the slots, wherever there is
+room; each holds the index of the next one. A target that has arrived or run aground has one more,
+stationary piece. A piece may be a Brownian bridge. Where its shape matters it is halved at Levy's
+midpoints (`Part`), which are the same for all sensors (kernels.maths.noise).
 """
 
 from collections.abc import Callable
@@ -26,8 +26,9 @@ from kernels.step import life
 from kernels.step.coast import Ints, Reals
 
 NONE = -1  # there is no further piece
-WAITS, MOVES, LIES = range(3)  # the pieces of what drifts: before it moves, on its way, ashore
-DEPTH = 14  # a piece is halved so many times at most: an hour to 0.2 s
+# pieces of a drifting particle: before it moves, while it moves, stranded
+WAITS, MOVES, LIES = range(3)
+DEPTH = 14  # most halvings of a piece: an hour to 0.2 s
 
 Ends = ti.types.vector(DEPTH + 2, ti.i32)
 
@@ -38,19 +39,19 @@ Pieces = ti.types.argpack(
     piece_to_lat=Ints,
     piece_begin=Ints,  # [s]
     piece_end=Ints,
-    piece_count=Ints,  # its number in the step, the key of its noise; NONE: the target has no piece
-    piece_next=Ints,  # where the next piece stands, or NONE
+    piece_count=Ints,  # its number in the step, a key of its noise; NONE: the target has no piece
+    piece_next=Ints,  # index of the next piece, or NONE
     piece_k=Reals,  # K of the bridge [m/sqrt(s)]; 0: it goes straight
-    # East and north, one after the other [m/s]: of a bridge, the mean velocity of the leg of which
-    # it is a part. One array, for `_steer` of kernels.steering.steer has no buffer left on Metal.
+    # (east, north) [m/s]: mean velocity of a bridge's leg. A single array, as `_steer` of
+    # kernels.steering.steer has no buffer left on Metal.
     piece_velocity=Reals,
-    piece_used=Ints,  # (1,) how many pieces there are, slots and all
+    piece_used=Ints,  # (1,) number of pieces, all slots included
 )
 
 Straights = ti.types.argpack(
-    straight_lon=Ints,  # [binary angle] where it is when the part of the step begins
+    straight_lon=Ints,  # [binary angle] position at the begin of the part of the step
     straight_lat=Ints,
-    straight_to_lon=Ints,  # and when that ends
+    straight_to_lon=Ints,  # and at its end
     straight_to_lat=Ints,
     release=Ints,  # [s]
     moving_since=Ints,
@@ -73,12 +74,12 @@ Part = ti.types.struct(
     to_lat=ti.i32,
     begin=ti.f32,  # [s after the step's begin]
     end=ti.f32,
-    at=ti.i32,  # its begin in 2^-DEPTH of the piece
-    depth=ti.i32,  # how often the piece was halved to it; below 0: there is no further part
+    at=ti.i32,  # its begin in units of 2^-DEPTH of the piece
+    depth=ti.i32,  # number of halvings; below 0: there is no further part
 )
 
 Later = ti.types.struct(
-    # of the parts that come later; where they end and their depths, the nearest one last
+    # parts that come later: their ends and depths, the nearest one last
     many=ti.i32,
     lons=Ends,
     lats=Ends,
@@ -95,10 +96,10 @@ def first_piece(
     elapsed: ti.i32,
     shore: ti.i32,
 ) -> ti.i32:
-    """Return the first piece of a particle, or NONE: of what steers where it stands, of what drifts
-    WAITS or MOVES.
+    """Return the index of a particle's first piece, or NONE.
 
-    shore: 1 if what lies ashore is seen.
+    A steering target's piece is at its slot; a drifting particle's is WAITS or MOVES. shore: 1 if
+    stranded particles are visible.
     """
     here = NONE
     if ti.static(steers):
@@ -116,7 +117,7 @@ def first_piece(
 def next_piece(
     steers: ti.template(), paths: ti.template(), here: ti.i32, status: ti.i32, shore: ti.i32
 ) -> ti.i32:
-    """Return the piece after another one, or NONE."""
+    """Return the index of the next piece, or NONE."""
     then = NONE
     if ti.static(steers):
         then = paths.piece_next[here]
@@ -138,8 +139,7 @@ def load_piece(
     duration: ti.i32,
     shore: ti.i32,
 ) -> Piece:
-    """Return a piece of particle i. It is empty where the particle lies aground and that is not
-    seen.
+    """Return a piece of particle i, empty if the particle is aground and invisible there.
 
     elapsed, duration: of the part of the step that the paths cover [s].
     """
@@ -173,13 +173,13 @@ def load_piece(
 
 @ti.func
 def leg_velocity(paths: ti.template(), here: ti.i32) -> ti.types.vector(2, ti.f32):
-    """Return (east, north) [m/s], the mean velocity of the leg of which a bridge is a piece."""
+    """Return (east, north) [m/s]: the mean velocity of a bridge's leg."""
     return ti.Vector([paths.piece_velocity[2 * here], paths.piece_velocity[2 * here + 1]])
 
 
 @ti.func
 def whole_piece(piece: Piece) -> Part:
-    """Return a piece as its only part."""
+    """Return a piece as a single part."""
     return Part(
         lon=piece.lon,
         lat=piece.lat,
@@ -194,7 +194,7 @@ def whole_piece(piece: Piece) -> Part:
 
 @ti.func
 def no_later() -> Later:
-    """Return no later parts."""
+    """Return an empty stack of later parts."""
     return Later(many=0, lons=Ends(0), lats=Ends(0), depths=Ends(0))
 
 
@@ -209,10 +209,10 @@ def halve_part(
     step: ti.i32,
     count: ti.i32,
 ):
-    """Make a part of a bridge its first half, which ends at Levy's midpoint.
+    """Replace a part of a bridge by its first half, which ends at Levy's midpoint.
 
-    slot, step, count: number of the target in the whole run, of the step, and of the piece in the
-    step: the key of what chance decides.
+    The second half goes to `later`. slot, step, count: number of the target in the whole run, of
+    the step, and of the piece in the step, which are the key of the noise.
     """
     n = later.many
     later.lons[n], later.lats[n], later.depths[n], later.many = (
@@ -231,7 +231,7 @@ def halve_part(
 
 @ti.func
 def next_part(part: ti.template(), later: ti.template(), piece: Piece):
-    """Go on to the next part of a piece."""
+    """Replace a part by the next part of its piece."""
     part.at += 1 << (DEPTH - part.depth)
     part.lon, part.lat, part.depth = part.to_lon, part.to_lat, -1
     if later.many > 0:
@@ -247,7 +247,7 @@ def next_part(part: ti.template(), later: ti.template(), piece: Piece):
 
 @ti.func
 def _time_part(part: ti.template(), piece: Piece):
-    """Write when a part of a piece begins and ends."""
+    """Write the begin and end times of a part of a piece."""
     whole = piece.end - piece.begin
     part.begin = piece.begin + whole * ti.cast(part.at, ti.f32) * (1.0 / (1 << DEPTH))
     part.end = part.begin + whole * ti.cast(1 << (DEPTH - part.depth), ti.f32) * (
@@ -267,11 +267,10 @@ def note(
     k: ti.f32,
     count: ti.i32,
 ):
-    """Write a piece of way of the target in a slot, from where it is to (x, y) at `end` [s]; return
-    where it stands.
+    """Write a piece of the target in a slot, from its position to (x, y); return its index.
 
-    last: where the piece before it stands, or NONE. Where there is no more room, a piece is only
-    counted.
+    end: [s] when the piece ends; last: index of the piece before, or NONE. Without room a piece is
+    only counted.
     """
     here, room = slot, pieces.piece_lon.shape[0]
     if last != NONE:
@@ -294,20 +293,18 @@ def note(
 
 
 class Paths(NamedTuple):
-    """The paths of some particles over a step just made or, of what drifts, over a part of it in
-    which it goes straight.
-    """
+    """Paths of some particles over the last step, or of drifting ones over a straight part."""
 
     own: Batch  # the particles
     steers: bool
-    pack: Any  # Pieces of what steers, Straights of what drifts
+    pack: Any  # Pieces (steering) or Straights (drifting)
     elapsed: int  # [s] from the run's start to the begin of the step or part
     duration: int  # [s]
     step: int  # number of the step, the key of its noise
     polar: bool = False  # whether the domain holds a pole
 
     def cut(self, first: float, last: float) -> tuple[float, float]:
-        """Return the times between two times [s after the run's start] that the paths cover."""
+        """Return the part of [first, last] that the paths cover [s after the run's start]."""
         return max(first, self.elapsed), min(last, self.elapsed + self.duration)
 
 
@@ -321,25 +318,34 @@ def straight(
     step: int = 0,
     polar: bool = False,
 ) -> Paths:
-    """Return the paths of drifting particles over a part of a step in which they go straight.
+    """Return the paths of drifting particles over a part of a step in which they move straight.
 
-    ensemble: a drift.engine.particles.ensemble.Ensemble after the step. before, after: lon, lat
-    [binary angle] at both ends of the part, int32 on the device, (n,) each. The rest: see `Paths`.
+    Args:
+        ensemble: a drift.engine.particles.ensemble.Ensemble, after the step.
+        own: the particles.
+        before: lon, lat [binary angle] at the begin of the part, int32 on the device, (n,) each.
+        after: lon, lat [binary angle] at its end.
+        elapsed: begin of the part [s after the run's start].
+        duration: of the part [s].
+        step: number of the step.
+        polar: whether the domain holds a pole.
     """
     pack = launch.pack(Straights, *before, *after, ensemble.release, ensemble.moving_since)
     return Paths(own, False, pack, elapsed, duration, step, polar)
 
 
 def steered(own: Batch, pack: Any, step: Any) -> Paths:
-    """Return the paths of targets in a step; pack: their pieces, see
-    kernels.steering.steer.write_pieces; step: kernels.step.advance.Step.
+    """Return the paths of targets in a step.
+
+    pack: their pieces, see kernels.steering.steer.write_pieces; step: a kernels.step.advance.Step.
     """
     return Paths(own, True, pack, step.elapsed, step.duration, step.number)
 
 
 class Room:
-    """The pieces of one step on the device; their columns are kept from step to step, and grow as
-    need be.
+    """The pieces of one step on the device.
+
+    Their columns are reused from step to step, and grow if necessary.
     """
 
     def __init__(self, slots: int) -> None:
@@ -347,7 +353,7 @@ class Room:
         self._of(slots)
 
     def _of(self, size: int) -> None:
-        # what was there goes before as much again comes
+        # free the old columns before new ones are allocated
         self.size, self.pack, self.columns = size, None, {}
         sizes = dict.fromkeys(Pieces.members, size) | {"piece_velocity": 2 * size}
         self.columns = {
@@ -358,16 +364,12 @@ class Room:
         self.pack = launch.pack(Pieces, *self.columns.values())
 
     def fill(self, write: Callable[[Any], None]) -> None:
-        """Have pieces written by what takes the pack, and again with more room until there is
-        enough.
-        """
+        """Call `write` with the pack, again with more room until all pieces fit."""
         while not self.enough(write):
             pass
 
     def enough(self, write: Callable[[Any], None]) -> bool:
-        """Have pieces written by what takes the pack; return whether there was room for all, else
-        make it.
-        """
+        """Call `write` with the pack; return whether all pieces fitted, else enlarge it."""
         self._used.from_numpy(np.array([self._slots], np.int32))
         write(self.pack)
         used = int(self._used.to_numpy()[0])

@@ -1,7 +1,7 @@
-"""What is settled at the birth of each target that steers, and what no column holds.
+"""Properties of steering targets that are fixed at birth and stored in no column.
 
-It is a function of the birth slot, which copies made by resampling inherit, so that it may be asked
-for at any time.
+They are functions of the birth slot, which copies made by resampling inherit, so that they can be
+computed at any time.
 """
 
 import taichi as ti
@@ -16,7 +16,7 @@ from kernels.step.coast import Ints, Reals
 
 SPEED, FIRST_COURSE, DESTINATION, SPREAD_RATE, ARRIVAL = range(5)  # numbers in a row of `wanted`
 WANTED = 5
-# of `Settled`, in the order of these numbers
+# columns of `Settled`, in the order of these numbers
 FIELDS = ("speed", "course", "destination", "k", "arrival")
 
 Settled = ti.types.argpack(
@@ -24,16 +24,14 @@ Settled = ti.types.argpack(
     course=Reals,  # [rad] clockwise from north; may be beyond a turn
     destination=Ints,  # number among the phase's destinations
     k=Reals,  # [m/sqrt(s)]
-    # [s] when it comes to the end of its itinerary, unless its distress comes first; NEVER: unknown
+    # [s] end of its itinerary, unless its distress comes first; NEVER: unknown
     arrival=Ints,
 )
 
 
 @ti.func
 def own_arrival(plan: ti.template(), key: Chance, phase: ti.i32, departure: ti.i32) -> ti.i32:
-    """Return when [s] a target reaches the last way point of a phase whose way points have no times
-    of their own.
-    """
+    """Return when [s] a target reaches the last way point of a phase without way point times."""
     speed, time = itinerary.own_speed(plan, key, phase), departure
     row = phase * PHASE
     for k in range(1, plan.numbers[row + 2]):
@@ -84,13 +82,17 @@ def _settle(
 
 
 def settle(columns, own: Batch, plan, seed: int, wanted, out) -> None:
-    """Write what is settled of targets that steer.
+    """Write the properties of steering targets that are fixed at birth.
 
-    columns: by name, `scenario` and those of kernels.steering.steer.WHOLE, int32 (n,). own: the
-    slots that steer. wanted: int32 (scenarios * WANTED,), of which phase each is asked for, a
-    number in the `Plan`, -1: of none, and nothing is written. The phase of an arrival is the only
-    one of its itinerary, and leads along way points without times. out: by name, the columns (n,)
-    of `Settled`.
+    Args:
+        columns: by name, `scenario` and those of kernels.steering.steer.WHOLE, int32 (n,).
+        own: the slots of steering targets.
+        plan: the itineraries.
+        seed: of the run.
+        wanted: int32 (scenarios * WANTED,), the phase of each property, a number in the `Plan`; -1:
+            not written. The phase of an arrival is the only one of its itinerary, and its way
+            points have no times.
+        out: by name, the columns (n,) of `Settled`; written.
     """
     _settle(
         own.listed,

@@ -1,13 +1,14 @@
-"""One lattice step of all targets that steer, and where they are inside it.
+"""Lattice steps of steering targets, and their positions inside a step.
 
-A target goes from one event of its itinerary to the next in pieces, each by a rhumb line, or along
-or about a great circle (kernels.steering.ways). The same pieces are made again, bit by bit, from
-what was kept of the step's begin, wherever something inside the step is asked for: where a target
-is at a time, and, once for all sensors, what these have seen of it (kernels.steering.pieces).
+A target moves from one event of its itinerary to the next in pieces, each along a rhumb line, a
+great circle, or a Brownian bridge about a great circle (kernels.steering.ways). Whenever something
+inside a step is needed, the same pieces are computed again, bit for bit, from the state at the
+step's begin: a target's position at a time, or the pieces for all sensors
+(kernels.steering.pieces).
 
-A target that feels the current keeps to its itinerary by dead reckoning, and the current sets it
-off its dead-reckoned track, steadily within a step (kernels.steering.felt). What the columns hold
-is where it is; itineraries know only the dead-reckoned position.
+A target that is subject to the current follows its itinerary by dead reckoning. The current sets it
+off its dead-reckoned track, steadily within a step (kernels.steering.felt). The columns hold its
+true position; itineraries use the dead-reckoned position only.
 """
 
 from typing import Any
@@ -53,17 +54,16 @@ from kernels.step.coast import (
     open_sea,
 )
 
-MOVED, NOTED, BOTH = range(3)  # what a launch does with targets
-BIRTH = -(2**31)  # number of the lattice step, as a key, of what is drawn before any step
-MOST_TRIES = 4096  # candidates of a first place, as in kernels.step.prior
-LATER = -1  # in place of a state: what comes next takes a loop of its own
+MOVED, NOTED, BOTH = range(3)  # what a launch does: move targets, write their pieces, or both
+BIRTH = -(2**31)  # number of the step in the key of numbers that are drawn before any step
+MOST_TRIES = 4096  # candidates of a start position, as in kernels.step.prior
+LATER = -1  # instead of a state: the rest needs the second loop
 Longs = ti.types.ndarray(dtype=ti.i64, ndim=1)
 
 f32x2 = ti.types.vector(2, ti.f32)
 
-# The columns of an ensemble that the itinerary of a target needs, of shape (n,) each: those of the
-# core, and those in the rows of one array of whole numbers and of one of others
-# (kernels.runtime.rows).
+# Columns of an ensemble that itineraries need, of shape (n,) each: core columns, then the rows of
+# one array of integers and of one of floats (kernels.runtime.rows).
 CORE = ("lon", "lat", "status", "release", "status_since", "edge", "scenario")
 WHOLE = (
     "birth",
@@ -83,7 +83,7 @@ Columns = ti.types.argpack(**dict.fromkeys(CORE, Ints), steer_whole=Ints, steer_
 
 
 class Own:
-    """In which rows of their arrays the columns of WHOLE and REAL stand."""
+    """Row numbers of the columns WHOLE and REAL in their arrays."""
 
     BIRTH, DEPARTURE, PHASE, LEG, TO_LON, TO_LAT, TO_TIME, PHASE_END, SET_LON, SET_LAT = range(10)
     COURSE, SPEED, SET_RATE_LON, SET_RATE_LAT = range(4)
@@ -101,9 +101,7 @@ Terms = ti.types.struct(
 
 @ti.func
 def loaded(columns: ti.template(), i: ti.i32, elapsed: ti.i32) -> Target:
-    """Return target i as its columns have it at the begin of a step [s], or at its departure in the
-    step.
-    """
+    """Return target i from its columns, at the begin of a step [s] or at its departure."""
     own, real = ti.static(columns.steer_whole, columns.steer_real)
     n = columns.lon.shape[0]  # a row's length
     begin = ti.max(elapsed, departure(columns, i))
@@ -137,20 +135,20 @@ def departure(columns: ti.template(), i: ti.i32) -> ti.i32:
 
 @ti.func
 def birth(columns: ti.template(), i: ti.i32) -> ti.i32:
-    """Return the slot in which target i was born."""
+    """Return the slot in which target i was created."""
     return columns.steer_whole[Own.BIRTH * columns.lon.shape[0] + i]
 
 
 @ti.func
 def under_way(columns: ti.template(), i: ti.i32, end: ti.i32):
-    """Return whether target i is under way before the end [s] of a step that has not been made."""
+    """Return whether target i is under way before the end [s] of the step to be made."""
     state = columns.status[i]
     return state == life.UNDER_WAY or (state == life.PENDING and departure(columns, i) < end)
 
 
 @ti.func
 def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
-    """Return K [m/sqrt(s)] of the way on which a target is; 0: it keeps to its line."""
+    """Return K [m/sqrt(s)] of the path on which a target is; 0: it keeps to its line."""
     k = 0.0
     if plan.numbers[target.phase * PHASE] == itinerary.WAY:
         k = own_k(plan, key, target.phase)
@@ -159,10 +157,9 @@ def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
 
 @ti.func
 def piece(plan: ti.template(), key: Chance, target: Target, k: ti.f32, until: ti.i32):
-    """Return (lon, lat, time) where the next piece of a target's way ends: at `until` [s], or at
-    its next event.
+    """Return (lon, lat, time) at the end of a target's next piece.
 
-    k: see `wanders`.
+    The piece ends at `until` [s] or at the next event. k: see `wanders`.
     """
     end = ti.min(until, target.to_time)
     x, y = target.to_lon, target.to_lat
@@ -193,8 +190,7 @@ def amid(
     time: ti.f32,
     normal: f32x2,
 ):
-    """Return where a target is at a time within a piece of its way that ends at (x, y) at `end`
-    [s].
+    """Return a target's position at a time within a piece that ends at (x, y) at `end` [s].
 
     normal: two standard normal numbers of a Brownian bridge between the ends of the piece.
     """
@@ -221,10 +217,10 @@ def stretch(
     until: ti.i32,
     coast: ti.template(),
 ):
-    """Return (lon, lat, time, state, edge) at the expected end of a target's next piece, or where
-    it meets the shore.
+    """Return (lon, lat, time, state, edge) at the end of a target's next piece.
 
-    apart: whether the state is LATER where a way point is reached or the shore may be met.
+    A piece that meets the shore ends there. apart: whether to return the state LATER if a way point
+    is reached or the shore may be met.
     """
     x, y, time = piece(plan, key, target, k, until)
     state, edge = life.UNDER_WAY, -1
@@ -263,7 +259,7 @@ def reached(
     time,
     coast: ti.template(),
 ) -> Target:
-    """Return a target at the end of a piece, with the next way point drawn if it has reached one."""
+    """Return a target at the end of a piece; at a way point, the next one is drawn."""
     t = target
     t.lon, t.lat, t.time = x, y, time
     if ti.static(not apart):
@@ -295,8 +291,9 @@ def _moved(
     pieces: ti.template(),
     aside: ti.template(),
 ):
-    """Do with target i what `_steer` does; apart: whether it is put aside where `stretch` says
-    LATER.
+    """Move target i and write its pieces, as `_steer` does for all.
+
+    apart: whether to put the target aside when `stretch` returns LATER.
     """
     end = elapsed + duration
     resting = columns.status[i] == life.ARRIVED or columns.status[i] == life.AGROUND
@@ -311,7 +308,7 @@ def _moved(
             state, t.time, until = columns.status[i], elapsed, end
         here, met, stopped, turned = NONE, -1, t.time, 0
         while t.time < until:
-            x, y, time, state_then = t.lon, t.lat, until, state  # it has stopped
+            x, y, time, state_then = t.lon, t.lat, until, state  # for a target that has stopped
             k = ti.f32(0.0)
             if state == life.UNDER_WAY:
                 key.count += 1
@@ -342,7 +339,8 @@ def _moved(
             if state != life.UNDER_WAY:
                 until = end if noted != MOVED else t.time
             if ti.static(apart):
-                # all the way was one piece: the compiler need not hold what a second one takes
+                # the whole path was one piece: the compiler need not keep registers for a second
+                # one
                 break
         if state == LATER:
             _put_aside(i, aside)
@@ -353,8 +351,7 @@ def _moved(
                 if state == life.AGROUND:
                     columns.edge[i] = met
             x, y = _placed(columns, i, t)
-            # Every column that is touched costs: arrays as large as each other get into each
-            # other's way in a cache.
+            # Write only changed columns: arrays of equal size compete for the same cache lines.
             if turned == 1:
                 _aimed(columns, i, t)
             outside = (
@@ -386,12 +383,13 @@ def _steer(
     pieces: Pieces,
     aside: Ints,
 ):
-    """Move targets, or note their pieces and leave the columns as they are, or both; noted:
+    """Move targets, or write their pieces without changing the columns, or both.
 
-    MOVED, NOTED or BOTH.
+    noted: MOVED, NOTED or BOTH.
     """
-    # On a card what reaches a way point or comes near the shore has a loop of its own: it takes
-    # three times the registers of all else, which each thread would be given.
+    # On a graphics card, targets that reach a way point or come near the shore have a loop of their
+    # own: it takes three times the registers of everything else, and each thread would be given
+    # them.
     apart = ti.static(bundle.alone())
     if ti.static(apart):
         aside[0] = 0
@@ -439,7 +437,7 @@ def _steer(
 
 @ti.func
 def _placed(columns: ti.template(), i: ti.i32, t: Target):
-    """Write where target i is, and how far the current has set it; return the place."""
+    """Write and return the position of target i; write how far the current has set it."""
     dlon, dlat = set_at(t, t.time)
     x, y = t.lon + dlon, t.lat + dlat
     columns.lon[i], columns.lat[i] = x, y
@@ -447,14 +445,14 @@ def _placed(columns: ti.template(), i: ti.i32, t: Target):
         own, real = ti.static(columns.steer_whole, columns.steer_real)
         n = columns.lon.shape[0]  # a row's length
         own[Own.SET_LON * n + i], own[Own.SET_LAT * n + i] = dlon, dlat
-        # Until the current is asked again.
+        # Until the current is sampled again.
         real[Own.SET_RATE_LON * n + i], real[Own.SET_RATE_LAT * n + i] = 0.0, 0.0
     return x, y
 
 
 @ti.func
 def _aimed(columns: ti.template(), i: ti.i32, t: Target):
-    """Write where target i goes next."""
+    """Write the phase, way point, course and speed of target i."""
     own, real = ti.static(columns.steer_whole, columns.steer_real)
     n = columns.lon.shape[0]  # a row's length
     own[Own.PHASE * n + i], own[Own.LEG * n + i], own[Own.PHASE_END * n + i] = (
@@ -493,7 +491,7 @@ def _found_inside(
     north: ti.template(),
     aside: ti.template(),
 ):
-    """Do with target i what `_inside` does; apart: see `_moved`."""
+    """Find target i at a time inside the step, as `_inside` does for all; apart: see `_moved`."""
     end = elapsed + duration
     begin, until = ti.max(elapsed, departure(before, i)), ti.min(end, before.release[i])
     when = then
@@ -631,8 +629,9 @@ def _inside(
 
 @ti.func
 def velocity(plan: ti.template(), target: Target) -> f32x2:
-    """Return (east, north) [m/s] with which a target goes by its dead reckoning: on its course, or
-    to its way point in time.
+    """Return a target's dead-reckoned velocity (east, north) [m/s].
+
+    It is along its course, or to its way point in time.
     """
     s, c = angles.sincos(target.course)
     found = target.speed * f32x2(s, c)
@@ -702,7 +701,7 @@ def _born(
 
 @ti.func
 def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.i32) -> ti.i32:
-    """Return when [s] a target that departs at a time goes adrift; `NEVER`: it does not."""
+    """Return when [s] a target with this departure goes adrift; `NEVER`: it does not."""
     story, law = plan.stories_at + scenario * STORY, plan.story_laws_at + scenario * STORY_LAW
     phase = plan.numbers[story]
     kind = plan.numbers[story + 3]
@@ -739,8 +738,9 @@ def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.
 
 
 def terms(seed: int, domain: Any = None) -> dict[str, int]:
-    """Return the numbers that do not change in a run; domain: a kernels.step.advance.Domain, if
-    targets are to leave it.
+    """Return the numbers that are constant in a run.
+
+    domain: a kernels.step.advance.Domain that targets may leave; None: they cannot leave.
     """
     seed0, seed1 = noise.key(seed)
     box = domain._asdict() if domain else {"west": 0, "south": 0, "width": 0, "height": 0}
@@ -748,12 +748,12 @@ def terms(seed: int, domain: Any = None) -> dict[str, int]:
 
 
 def _room_aside(own: Batch) -> Any:
-    """Return where a card puts aside the targets of a batch, and how many it has."""
+    """Return the buffer for targets put aside, preceded by their number."""
     return runtime.empty(1 + (own.last - own.first if bundle.alone() else 0), ti.i32)
 
 
 def packed(columns: Any) -> Any:
-    """Return the columns of targets, by name, in a pack."""
+    """Return the named columns of targets as a pack."""
     together = rows.whole(columns, WHOLE), rows.whole(columns, REAL)
     return launch.pack(Columns, *(columns[name] for name in CORE), *together)
 
@@ -761,12 +761,18 @@ def packed(columns: Any) -> Any:
 def born(
     columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, tries
 ) -> None:
-    """Draw where and when targets begin and go adrift, and their first way points.
+    """Draw the start, the distress and the first way points of targets, in place.
 
-    columns: by name, those of COLUMNS. Where a scenario's first phase has no way point of its own
-    to begin at, lon, lat and release hold the place and time of its beginning. own: the slots that
-    steer. tries: int64 (2 scenarios,) on the device, to which are added candidates drawn and slots
-    that found no water.
+    Args:
+        columns: by name, those of COLUMNS. If a scenario's first phase has no way point to begin
+            at, lon, lat and release hold the position and time of its begin.
+        own: the slots of steering targets.
+        plan: the itineraries, see kernels.steering.itinerary.packed.
+        seed: of the run.
+        domain: that targets may leave; None: they cannot.
+        coast: the coast; None: open sea.
+        tries: int64 (2 scenarios,) on the device; candidates drawn and slots without a candidate in
+            water are added.
     """
     _born(
         coast is not None,
@@ -780,8 +786,7 @@ def born(
 
 
 def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None):
-    """Return a function that moves targets over one lattice step, in place, until each one's
-    distress.
+    """Return a function that moves targets over one lattice step, in place, until their distress.
 
     See `born`; the function takes a kernels.step.advance.Step.
     """
@@ -808,10 +813,9 @@ def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast 
 def move_targets(
     columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, room: Room
 ) -> bool:
-    """Move targets as a `mover` does, and write the pieces of way that they make; return whether
-    there was room for all.
+    """Move targets as a `mover` does, and write their pieces; return whether all pieces fitted.
 
-    Where there was not, they are moved, and `made` is to be asked for the pieces.
+    Otherwise the targets have moved, but `write_pieces` must be called for the pieces.
     """
     fixed = coast is not None, *own.launched, packed(columns), plan, (coast or open_sea()).pack
     every = *fixed, Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, BOTH
@@ -821,7 +825,7 @@ def move_targets(
 def write_pieces(
     before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, room: Room
 ) -> None:
-    """Write the pieces of way of targets in a step that has been made.
+    """Write the pieces of targets in a step that has been made.
 
     before: the columns at the step's begin, by name, those of COLUMNS. room: for all slots of the
     ensemble.
@@ -856,13 +860,24 @@ def inside(
     velocity=None,
     half: int = -1,
 ) -> None:
-    """Write where targets under way are at a time inside a step that has been made.
+    """Write the positions of targets under way at a time inside a step that has been made.
 
-    before: the columns at the step's begin, by name, those of COLUMNS. begin: lon, lat [binary
-    angle] at `since` [s], on the device, which are overwritten where a target is under way at
-    `when` [s]. moment: together with seed and slot the key of the noise there. velocity: east,
-    north [m/s], float32 (n,) on the device, written likewise if it is asked for. half: 0 or 1 asks
-    instead of `when` for the begin or the middle of what each makes of the step.
+    Args:
+        before: the columns at the step's begin, by name, those of COLUMNS.
+        own: the slots of steering targets.
+        plan: the itineraries.
+        seed: of the run.
+        domain: see `terms`.
+        coast: the coast; None: open sea.
+        step: the step, a kernels.step.advance.Step.
+        begin: lon, lat [binary angle] at `since`, on the device; overwritten for targets under way
+            at `when`.
+        since: [s after the run's start].
+        when: [s after the run's start].
+        moment: together with seed and slot, the key of the noise at that time.
+        velocity: east, north [m/s], float32 (n,) on the device, written likewise; None: not needed.
+        half: 0 or 1: instead of `when`, the begin or the middle of the part of the step in which
+            each target is under way.
     """
     east, north = velocity or (runtime.empty(begin[0].shape[0]), runtime.empty(begin[0].shape[0]))
     _inside(

@@ -1,11 +1,10 @@
-"""The ways of targets that steer: a rhumb line, and a great circle about which they may wander as a
-Brownian bridge.
+"""Paths of steering targets: rhumb lines, great circles, and Brownian bridges about great circles.
 
-Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, has the bridge in the plane. On
-a sphere of radius R the same law holds along the way; across it, great circles that leave a place
-come together again, and the deviation of a bridge from X at t to P at T has variance K^2 dt sin(b)
-sin(a - b) / ((a - b) sin(a)) after dt, with a the angle from X to P, and b = a (T - t - dt) / (T -
-t) what is left of it. Both laws are exact for any dt.
+Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, give the bridge in the plane.
+On a sphere of radius R the same distribution holds along the path. Across it, great circles from
+one place converge again: the deviation of a bridge from X at t to P at T has variance K^2 dt sin(b)
+sin(a - b) / ((a - b) sin(a)) after dt, where a is the angle from X to P and b = a (T - t - dt) / (T
+- t) the remaining angle. Both distributions are exact for any dt.
 """
 
 import taichi as ti
@@ -14,15 +13,15 @@ from kernels.maths import angles, sphere
 
 f32x2 = ti.types.vector(2, ti.f32)
 
-SHORT = 1e-3  # [rad] a way so short is flat: the curvature's share of a variance is below 1e-6
+SHORT = 1e-3  # [rad] shorter paths count as flat: the curvature's share of a variance is below 1e-6
 
 
 @ti.func
 def rhumb(lon: ti.i32, lat: ti.i32, course: ti.f32, distance: ti.f32):
     """Return (lon, lat) [binary angle] after a distance [m] on a constant course [rad from north].
 
-    Longitude grows with the mean of 1 / cos(lat) along the way, by Simpson's rule: for 500 km at 60
-    degrees it errs by 1e-5 of the way. A way across a pole ends on it.
+    Longitude grows with the mean of 1 / cos(lat) along the path, by Simpson's rule: for 500 km at
+    60 degrees the error is 1e-5 of the distance. A path across a pole ends on it.
     """
     arc = distance * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
     quarter = ti.cast(sphere.QUARTER, ti.f32) - 64.0
@@ -47,16 +46,15 @@ def toward(
     k: ti.f32,
     normal: f32x2,
 ):
-    """Return (lon, lat) [binary angle] dt [s] later, on the way to a place that is reached after dt
-    + rest [s].
+    """Return (lon, lat) [binary angle] dt [s] later, on a path that lasts dt + rest [s].
 
-    k [m/sqrt(s)]: K of the bridge; 0: the target keeps to the great circle. normal: two standard
-    normal numbers, along and across the way.
+    The path ends at (to_lon, to_lat). k [m/sqrt(s)]: K of the bridge; 0: the target keeps to the
+    great circle. normal: two standard normal numbers, along and across the path.
     """
     share = dt / (dt + rest)
     x, y = lon, lat
     a = ti.f32(0.0)
-    # First along the way, then off it: in a loop, so that the long formulas are compiled once.
+    # First along the path, then off it: in a loop, so that the long formulas are compiled once.
     for stage in range(2 if k > 0.0 and rest > 0.0 else 1):
         way = sphere.offset(x, y, to_lon, to_lat)
         length = ti.sqrt(way[0] * way[0] + way[1] * way[1])

@@ -1,16 +1,15 @@
 """Lattice steps of all particles: drift in current, wind and waves, errors, diffusion, coast.
 
 A step from position (lon, lat) integrates dlon/dt = u / (R cos lat), dlat/dt = v / R by an explicit
-Runge-Kutta scheme; adds a random walk; and ends at its first crossing of the shore, or goes on
-along it. Positions are integers; within the step everything is float32 on differences from the
-position at its begin. Writing of the increment is one rounding of at most 5 mm.
+Runge-Kutta scheme and adds a random walk. It ends at its first crossing of the shore, or slides
+along the shore. Positions are integers; within the step everything is float32, relative to the
+position at its begin. Adding the increment costs one rounding of at most 5 mm.
 
-One launch does it all, so that the columns are read once, and takes particles in bundles
-(kernels.runtime.bundle), each over all the steps that it makes: what a bundle needs stays in the
-cache. The parts are functions that another model of motion shares: kernels.step.life says when in
-the step a particle moves and writes how the step ends for it, errors what chance does to a bundle,
-integrate leads a particle along any field of velocity, shore says what the coast does to it;
-velocity.drift is this model's own.
+One launch does everything, so that the columns are read once. It processes particles in bundles
+(kernels.runtime.bundle), each over all its steps, so that a bundle's data stay in the cache. Other
+motion models can share the parts: kernels.step.life determines when a particle moves in the step
+and writes its end, errors draws the random terms of a bundle, integrate moves a particle along any
+velocity field, and shore applies the coast. Only velocity.drift belongs to this model.
 """
 
 from collections.abc import Sequence
@@ -50,16 +49,16 @@ from kernels.step.life import ASHORE, SUNK
 from kernels.step.sample import Ranges, Sea, Tiles, members_of, numbers_of
 from kernels.step.velocity import Drifter, drift
 
-# longest step accepted [binary angle units], 42 degrees; a longer one counts as invalid
+# longest valid step [binary angle units], 42 degrees
 FARTHEST = 5.0e8
-LONGEST = 1.0e6  # [m] the same where the domain holds a pole
-ASIDE = 10  # numbers that a card puts aside of a particle near the shore
+LONGEST = 1.0e6  # [m] the same in a domain with a pole
+ASIDE = 10  # numbers that a graphics card saves per particle near the shore
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 
-# The columns of an ensemble, of shape (n,) each: those that every model of motion has, and those of
-# this one, some of which stand in the rows of one array (kernels.runtime.rows).
+# Columns of an ensemble, of shape (n,) each: those of every motion model, and those of this one,
+# some of which are rows of one array (kernels.runtime.rows).
 CORE = {
     **dict.fromkeys(
         ("lon", "lat", "status", "release", "status_since", "edge", "sink_time", "moving_since"),
@@ -86,7 +85,7 @@ Terms = ti.types.struct(
     direction=ti.f32,  # +1 forward in time, -1 backward
     seed0=ti.u32,
     seed1=ti.u32,
-    coast0=ti.u32,  # of what happens at the coast: debris has a key of its own there
+    coast0=ti.u32,  # key of the noise at the coast: debris has one of its own
     coast1=ti.u32,
     stay=ti.f32,  # see Beach
     offing=ti.f32,
@@ -100,16 +99,17 @@ Terms = ti.types.struct(
 
 
 def _rows(features: int) -> dict[str, dict[str, int]]:
-    """Return what the kernel holds of its particles with these features, rows by name: see
-    kernels.runtime.bundle.
+    """Return the rows of the registers that hold a bundle's particles, by name and type.
+
+    The features decide which rows are needed; see kernels.runtime.bundle.
     """
     chance, lines = bool(features & (DIFFUSION | ERRORS)), bool(features & LINES)
     walks, wanders, beached = (bool(features & bit) for bit in (DIFFUSION, ERRORS, REFLOAT))
     reals = {
         "dt": 1,  # [s] during which it moves
-        "begin": 1,  # share of the lattice step at which it sets out
+        "begin": 1,  # share of the lattice step at which it starts
         "share": 1,  # of the lattice step
-        "trig": 2,  # cosine and sine of its latitude then
+        "trig": 2,  # cosine and sine of its latitude at the start
         # leeway: slope and offset downwind, across to the right, across to the left
         "line": 6 * lines,
         "errors": 4 * wanders,
@@ -121,7 +121,7 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
         "variance": 1,
         "walk": 2 * walks,
         "off": 2 * beached,
-        "first": 2,  # what the first stage leads to over the whole step
+        "first": 2,  # displacement over the whole step at the first stage's velocity
         "last": 2,
         "total": 2,
         "valid": 1,
@@ -130,17 +130,17 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
     ints = {
         "moving": 1,  # whether it moves
         "i": 1,  # its slot here
-        "slot": 1,  # its number in the whole run, which is the key of its noise
+        "slot": 1,  # its number in the whole run, the key of its noise
         "story": 1,
-        "left": 1,  # [s] when it sets out
-        "finish": 1,  # [s] when its way ends
+        "left": 1,  # [s] when it starts
+        "finish": 1,  # [s] when its path ends
         "side": lines,
-        "member": bool(features & MEMBERS),  # of an ensemble of forcings in which it drifts
-        "waits": beached,  # whether it lies on a beach
-        "place": 2,  # lon, lat where its way begins [binary angle]
-        "move": 2,  # how far that leads [binary angle units]
-        "known": 1,  # whether there is forcing all along
-        "far": 1,  # whether the shore is too far to be met
+        "member": bool(features & MEMBERS),  # member of the forcing ensemble
+        "waits": beached,  # whether it is on a beach
+        "place": 2,  # lon, lat where its path begins [binary angle]
+        "move": 2,  # its displacement [binary angle units]
+        "known": 1,  # whether its whole path has forcing
+        "far": 1,  # whether the shore is out of reach
     }
     return {"reals": reals, "ints": ints, "words": {"word": 3 * chance}}
 
@@ -159,7 +159,7 @@ def _muster(
     elapsed: ti.i32,
     duration: ti.i32,
 ):
-    """Take particle i to entry j of the bundle, if it moves in this step; n: length of a row."""
+    """Load particle i into entry j of the bundle if it moves in this step; n: length of a row."""
     story = core.scenario[i]
     slot = i + shift[story]
     state, due, sinking = core.status[i], life.NEVER, life.NEVER
@@ -181,7 +181,8 @@ def _muster(
         if ti.static(features & REFLOAT):
             held.waits[0, j] = ti.cast(state == ASHORE, ti.i32)
         held.place[0, j], held.place[1, j] = core.lon[i], core.lat[i]
-        # Of each array all is read before any is held, which saves 2 % of the time of a step.
+        # All values of an array are read before any is stored, which saves 2 % of the time of a
+        # step.
         if ti.static(features & ERRORS):
             many = ti.static(4 if features & WIND else 2)
             error = ti.Vector([own.error_rows[k * n + i] for k in ti.static(range(many))])
@@ -205,9 +206,7 @@ def _muster(
 
 @ti.func
 def _keep(features: ti.template(), j: ti.i32, held: ti.template(), own: ti.template(), n: ti.i32):
-    """Keep the errors and the side of particle j of the bundle that have been drawn; n: length of a
-    row.
-    """
+    """Store the new errors and side of particle j of the bundle; n: length of a row."""
     i = held.i[0, j]
     if ti.static(features & ERRORS):
         for k in ti.static(range(4 if features & WIND else 2)):
@@ -225,7 +224,7 @@ def _carry(
     own: ti.template(),
     n: ti.i32,
 ):
-    """Carry the errors of particle j of the bundle along its way, on which east and north turn.
+    """Rotate the errors of particle j of the bundle along its path, as east and north turn.
 
     See sphere.convergence; n: length of a row.
     """
@@ -250,13 +249,11 @@ def _carry(
 def _drifter(
     features: ti.template(), held: ti.template(), j: ti.i32, row: ti.i32, asks: ti.f32
 ) -> Drifter:
-    """Return what of particle j of the bundle its drift depends on; asks: 0 where the drift does
-    not count.
-    """
+    """Return the `Drifter` of particle j of the bundle; asks: 0 if its drift will not be used."""
     line = f32x4(0.0)
     if ti.static(features & LINES):
         left = held.side[0, j] < 0
-        if ti.static(features & PARAMETERS):  # which are the same on both sides
+        if ti.static(features & PARAMETERS):  # parameters are the same on both sides
             left = False
         across = (
             ti.select(left, held.line[4, j], held.line[2, j]),
@@ -272,7 +269,7 @@ def _drifter(
 
 @ti.func
 def _way(held: ti.template(), j: ti.i32) -> integrate.Way:
-    """Return how far particle j of the bundle has been led."""
+    """Return the displacement of particle j of the bundle so far."""
     last, total = f32x2(held.last[0, j], held.last[1, j]), f32x2(held.total[0, j], held.total[1, j])
     return integrate.Way(
         last=last, total=total, valid=held.valid[0, j], sets_off=held.sets_off[0, j]
@@ -281,12 +278,10 @@ def _way(held: ti.template(), j: ti.i32) -> integrate.Way:
 
 @ti.func
 def _bend(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x4:
-    """Return how the drift of particle j of the bundle departs from its chord: see
-    kernels.step.curve.
-    """
+    """Return the departure of particle j's drift from its chord: see kernels.step.curve."""
     chord = f32x2(held.total[0, j], held.total[1, j])
     first = f32x2(held.first[0, j], held.first[1, j]) - chord
-    last = -first  # of the midpoint scheme: the parabola through its stages
+    last = -first  # midpoint scheme: the parabola through its stages
     if ti.static(features & RK4):
         last = f32x2(held.last[0, j], held.last[1, j]) - chord
     return f32x4(first[0], first[1], last[0], last[1])
@@ -296,7 +291,7 @@ def _bend(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x4:
 def _flat(features: ti.template(), bend: f32x4, c: ti.f32) -> f32x4:
     """Return a bend in binary angle units; c: cosine of the latitude.
 
-    Where the domain holds a pole it is in metres.
+    In a domain with a pole it is given in metres.
     """
     flat = bend
     if ti.static(features & POLAR):
@@ -307,7 +302,7 @@ def _flat(features: ti.template(), bend: f32x4, c: ti.f32) -> f32x4:
 
 @ti.func
 def _off(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x2:
-    """Return the direction off the beach of particle j of the bundle: zero where it is afloat."""
+    """Return the direction off the beach of particle j of the bundle; zero if it is afloat."""
     off = f32x2(0.0)
     if ti.static(features & REFLOAT):
         off = f32x2(held.off[0, j], held.off[1, j])
@@ -328,11 +323,10 @@ def _refloat(
     duration: ti.i32,
     row: ti.i32,
 ):
-    """Place particle j of the bundle off its beach, from when in the step the drift there leads off
-    it.
+    """Place particle j of the bundle off its beach, as soon as the drift there leads off it.
 
-    Where it leads onto the beach as the wait ends, and off it at the step's end, it is taken to
-    turn linearly in between.
+    If the drift leads onto the beach when the wait ends, and off it at the step's end, it is
+    assumed to change linearly in between.
     """
     c = sphere.cos_lat(held.place[1, j])
     x, y, east, north = shore.leave(
@@ -346,7 +340,7 @@ def _refloat(
     if ti.static(features & BIAS):
         held.error[0, j] += held.bias[0, j]
         held.error[1, j] += held.bias[1, j]
-    led = f32x2(0.0)  # off the beach at both ends [m/s]
+    led = f32x2(0.0)  # drift off the beach at both ends [m/s]
     for k in range(2):
         when = held.left[0, j] if k == 0 else held.finish[0, j]
         fraction = ti.cast(when - elapsed, ti.f32) / duration
@@ -361,7 +355,7 @@ def _refloat(
 
 @ti.func
 def _put_aside(held: ti.template(), j: ti.i32, bend: f32x4, aside: ti.template(), k: ti.i32):
-    """Put particle j of the bundle, at place k of the batch, aside: the shore may change its step."""
+    """Save particle j of the bundle, at index k of the batch: the shore may change its step."""
     row = 1 + ASIDE * ti.atomic_add(aside[0], 1)
     aside[row] = 2 * k + held.known[0, j]
     for m in ti.static(range(2)):
@@ -390,10 +384,9 @@ def _end(
     duration: ti.i32,
     step: ti.i32,
 ):
-    """End the step of particle j of the bundle, which moves: on the shore, where it meets it, or
-    where it leads to.
+    """End the step of moving particle j of the bundle: on the shore, or where its path leads.
 
-    bend: of its way, see `_bend`; n: length of a row.
+    bend: of its path, see `_bend`; n: length of a row.
     """
     i, slot = held.i[0, j], held.slot[0, j]
     x, y, left, finish = held.place[0, j], held.place[1, j], held.left[0, j], held.finish[0, j]
@@ -402,8 +395,8 @@ def _end(
     curved = bend
     met, number, part = 0, -1, ti.cast(1.0, ti.f32)
     if ti.static(features & COAST):
-        # The shore is asked first: a stage may lie inland, behind it, and find no forcing only for
-        # that.
+        # The shore comes first: a stage may lie inland, behind the shore, and lack forcing only for
+        # that reason.
         if held.far[0, j] == 0:
             met, x_end, y_end, part, number = shore.meet(
                 ti.static(bool(features & DIFFUSION)),
@@ -423,14 +416,14 @@ def _end(
             )
         if ti.static(features & SLIDE):
             if x_end != x + move_lon or y_end != y + move_lat:
-                known = True  # it slid along the shore: a stage that found no forcing lay inland
+                known = True  # it slid along the shore: a stage without forcing was inland
     if ti.static(features & POLAR):
         turned = sphere.convergence(x, y, x_end, y_end)
         _carry(features, held, j, turned, own, n)
     if terms.keeps == 1:
         if met == 1:
             curved = curve.cut_short(curved, part)
-        elif not known or x_end != x + move_lon or y_end != y + move_lat:  # it slid, or stays
+        elif not known or x_end != x + move_lon or y_end != y + move_lat:  # it slid or stays
             curved = f32x4(0.0)
         if ti.static(features & POLAR):
             turn = sphere.meridian(x, y)
@@ -445,11 +438,10 @@ def _end(
 
 
 def _late(features: int) -> bool:
-    """Return whether the shore has a part of the kernel of its own, for the few particles that are
-    near it.
+    """Return whether the few particles near the shore are processed in a separate loop.
 
-    So it is on a card: its integers of 64 bits take twice the registers of all else, which each
-    thread would be given.
+    This is so on a graphics card: the shore's 64-bit integers need twice the registers of
+    everything else, and every thread would be given them.
     """
     return bool(features & COAST) and bundle.alone()
 
@@ -474,10 +466,10 @@ def _lead(
     step: ti.i32,
     row: ti.i32,
 ):
-    """Lead a bundle over one step.
+    """Move a bundle over one step.
 
-    place: of its first particle in the batch; n: length of a row in arrays of several columns; row:
-    see `Drifter`.
+    place: index of its first particle in the batch; n: length of a row in arrays of several
+    columns; row: see `Drifter`.
     """
     if ti.static(features & REFLOAT):
         for j in range(width):
@@ -496,8 +488,8 @@ def _lead(
         held.valid[0, j], held.sets_off[0, j] = 1.0, 1.0
     errors.draw_errors(features, width, held, table, terms, step)
     if ti.static(bundle.alone() and features & DIFFUSION):
-        # The walk is asked for here, so that a card holds it during the stages, and not the dozen
-        # numbers of which it is made.
+        # The walk is used here, so that a graphics card keeps it during the stages, instead of the
+        # dozen numbers that it is made of.
         held.valid[0, 0] = ti.select(held.walk[0, 0] + held.walk[1, 0] < sphere.RADIUS, 1.0, 0.0)
     for j in range(width):
         if held.moving[0, j] == 1:
@@ -589,7 +581,7 @@ def _lead(
                 )
             held.far[0, j] = ti.cast(far, ti.i32)
     for j in range(width):
-        # Where the drift leads onto the beach, the particle waits for one that leads off it.
+        # Where the drift leads onto the beach, the particle waits until it leads off.
         if held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5:
             i, x, y = held.i[0, j], held.place[0, j], held.place[1, j]
             if ti.static(features & REFLOAT):
@@ -720,7 +712,7 @@ def _advance(
             for m in ti.static(range(2)):
                 held.move[m, 0] = aside[q + 1 + m]
             curved = f32x4([ti.bit_cast(aside[q + 3 + m], ti.f32) for m in ti.static(range(4))])
-            if ti.static(features & REFLOAT):  # where it left the beach to, and when
+            if ti.static(features & REFLOAT):  # where and when it left the beach
                 held.place[0, 0], held.place[1, 0], held.left[0, 0] = (
                     aside[q + 7],
                     aside[q + 8],
@@ -734,11 +726,9 @@ def _advance(
 
 
 class Beach(NamedTuple):
-    """What happens to a particle that reaches the coast: it stays for good, for a while, or slides
-    along.
-    """
+    """Behaviour at the coast: a particle stays for good, stays for a while, or slides along."""
 
-    stay: float = 0.0  # [s] mean wait before it is afloat again; 0: it stays for good
+    stay: float = 0.0  # [s] mean time on the beach; 0: it stays for good
     offing: float = 0.0  # [m] distance off the beach at which it is afloat again
     slides: bool = False
 
@@ -750,18 +740,18 @@ class Step(NamedTuple):
     elapsed: int  # [s] from the run's start to the begin of the step
     duration: int  # [s] > 0
     direction: int  # +1 forward in time, -1 backward
-    pieces: int = 1  # straight pieces into which evidence cuts the ways of what drifts in it
+    pieces: int = 1  # straight pieces per path of a drifting particle, for evidence
 
 
 class Move(Protocol):
-    """What moves particles over a step, or over `count` steps like it that follow each other."""
+    """A function that moves particles over one step, or over `count` equal steps in a row."""
 
     def __call__(self, step: Step, count: int = 1) -> None:
-        """Move them, in place. Of each of the steps `Tiles.blend` has been told."""
+        """Move the particles in place. `Tiles.blend` must have set the weights of each step."""
 
 
 class Domain(NamedTuple):
-    """The box outside which a particle has left the case [binary angle]."""
+    """The box outside which a particle has left the domain [binary angle]."""
 
     west: int
     south: int
@@ -770,27 +760,27 @@ class Domain(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What is the same for all scenarios of a run: the domain, the coast, what a step computes."""
+    """Settings common to all scenarios of a run: the domain, the coast, the terms of a step."""
 
     domain: Domain
     coast: DeviceCoast | None = None
     beach: Beach = Beach()
-    bias: bool = False  # whether particles have an error of the current that lasts
+    bias: bool = False  # whether particles have a constant bias of the current
     sinks: bool = False
-    # log weights lose the divergence along the track: a backward run's likelihood
+    # subtract the divergence along the track from log weights: a backward run's likelihood
     divergence: bool = False
-    # Number of a class of debris, 0: none. It shares the errors of the forcing with the object,
+    # Number of a class of debris, 0: none. Debris shares the errors of the forcing with the object,
     # slot by slot, but has a random walk and jibes of its own.
     debris: int = 0
     scheme: str = "rk4"
     polar: bool = False  # whether the domain holds a pole
-    guided: bool = False  # whether the noise of its particles is nudged: kernels.step.guide
+    guided: bool = False  # whether noise is nudged: kernels.step.guide
 
 
 def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) -> int:
-    """Return the compile-time features that some scenarios need together.
+    """Return the compile-time features that these scenarios need together.
 
-    A scenario that has no use of one moves by the same bits with it: each term is off at zero.
+    A feature that a scenario does not use leaves its bits unchanged: each term is off at zero.
     """
     forcing = sum(FORCING[quantity] for quantity, (first, last) in ranges.items() if last > first)
     wind = bool(forcing & WIND)
@@ -815,9 +805,7 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
 
 
 def _set_aside(needed: int, count: int) -> int:
-    """Return how many numbers a card puts aside at most in a step of so many particles: see
-    `_put_aside`.
-    """
+    """Return the size of the buffer for particles near the shore: see `_put_aside`."""
     return 1 + ASIDE * count if bundle.alone() and needed & COAST else 1
 
 
@@ -831,7 +819,7 @@ def advance(
     place: Surroundings,
     velocity: Any = drift,
 ) -> None:
-    """Move slots of an ensemble of one scenario over one lattice step, in place: see `mover`.
+    """Move slots of one scenario of an ensemble over one lattice step, in place: see `mover`.
 
     slots: the first, the one after the last, and the number of the first in the whole run, which is
     the key of its noise.
@@ -853,18 +841,26 @@ def mover(
     bend: Any = None,
     parameters: bool = False,
 ) -> Move:
-    """Return a function that moves slots of an ensemble over one lattice step or several, in place.
+    """Return a function that moves slots of an ensemble over one or more lattice steps, in place.
 
-    Several take one launch; on a card with a coast one each, which wait for nothing.
+    Several steps take one launch; on a graphics card with a coast one each, without waiting. A
+    particle moves only while adrift, from its release on; it ends stranded, sunk, outside the
+    forcing or outside the domain.
 
-    ensemble: a drift.engine.particles.ensemble.Ensemble. own: its slots that are moved; the number
-    of each in the whole run is the key of its noise. ranges: first and last tile by quantity.
-    physics: of each scenario of the batch. direction: of all its steps. velocity: a function as
-    kernels.step.integrate takes it, so that the order of the scheme can be measured on an analytic
-    flow; parameters: whether it takes those that a user's own has (kernels.step.own_velocity).
-    bend: float32 (4 n,) on the device, which takes how each way departs from its chord
-    (kernels.step.curve); None: nothing is kept of that. A particle moves only while adrift, from
-    its release on; it ends ashore, sunk, outside the forcing or the domain.
+    Args:
+        ensemble: a drift.engine.particles.ensemble.Ensemble.
+        own: its slots that are moved; the number of each in the whole run is the key of its noise.
+        tiles: the forcing.
+        ranges: first and last tile by quantity.
+        physics: of each scenario of the batch.
+        place: the settings common to all scenarios.
+        direction: of all steps: +1 forward in time, -1 backward.
+        velocity: a function as kernels.step.integrate takes it, so that the order of the scheme can
+            be measured on an analytic flow.
+        bend: float32 (4 n,) on the device, receives each path's departure from its chord
+            (kernels.step.curve); None: not stored.
+        parameters: whether velocity takes the parameters of a user's own function
+            (kernels.step.own_velocity).
     """
     seed0, seed1 = noise.key(ensemble.seed)
     coastal = Purpose.DEBRIS_COAST if place.debris else Purpose.RUN

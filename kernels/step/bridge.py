@@ -1,7 +1,6 @@
-"""Where particles are inside a step that ended with them adrift: a Brownian bridge about the way of
-their drift.
+"""Positions inside a step: a Brownian bridge around the drift's path, ending at the step's end.
 
-The way of the drift alone would make the cloud of a random walk too narrow there.
+Positions on the drift's path alone would make the cloud of a random walk too narrow there.
 """
 
 from typing import Any, NamedTuple
@@ -16,16 +15,13 @@ from kernels.step.coast import POLEWARD, Coast, DeviceCoast, Ints, Reals, first_
 
 
 class Inside(NamedTuple):
-    """A time inside a step that has just been made, and where its particles were at an earlier time
-    in it.
-    """
+    """A time inside the last step, and the particles' positions at an earlier time in it."""
 
-    # [binary angle] where they were at `since`, int32 (n,) on the device; then where they are at
-    # `time`
+    # [binary angle] positions at `since`, int32 (n,) on the device; updated to those at `time`
     lon: Any
     lat: Any
-    # how each one's whole way in the step departs from its chord (kernels.step.curve), float32 (4
-    # n,), there too
+    # departure of each path of the whole step from its chord (kernels.step.curve), float32 (4 n,),
+    # on the device
     bend: Any
     begin: int  # [s after the run's start] of the step
     end: int
@@ -37,16 +33,14 @@ class Inside(NamedTuple):
 
 @ti.func
 def covered(left: ti.i32, finish: ti.i32, time: ti.i32) -> ti.f32:
-    """Return the share, 0 to 1, that a particle has covered by a time of a way that takes it from
-    `left` to `finish` [s].
-    """
+    """Return the share, 0 to 1, of a path from `left` to `finish` [s] that is covered by a time."""
     lasting = ti.cast(ti.max(finish - left, 1), ti.f32)
     return ti.min(ti.max(ti.cast(time - left, ti.f32) / lasting, 0.0), 1.0)
 
 
 @ti.func
 def starts(begin: ti.i32, finish: ti.i32, release: ti.i32, moving_since: ti.i32) -> ti.i32:
-    """Return when [s] a particle begins to move after a time; finish: when it ends to."""
+    """Return when [s] a particle begins to move after `begin`; finish: when it stops."""
     left = ti.max(begin, release)
     if moving_since < finish:
         left = ti.max(left, moving_since)
@@ -98,7 +92,7 @@ def _between(
                 )
             x, y = lon[i], lat[i]
             own = curve.f32x4([bend[4 * i + k] for k in ti.static(range(4))])
-            # From a position inside the step the track continues along the rest of the curve.
+            # From a position inside the step, the track continues along the rest of the curve.
             off = curve.off_chord(own, covered(first, finish, time))
             off -= (1.0 - share) * curve.off_chord(own, covered(first, finish, since))
             way = curve.inside(polar, x, y, end_lon[i], end_lat[i], share, off)
@@ -123,8 +117,8 @@ def _between(
                 for _ in range(2):
                     if hit == 1:
                         hit, x_end, y_end, _p, _e = first_crossing(x, y, move_lon, move_lat, coast)
-                        # If it hits, keep to the drift; where that leads round a cape, to the water
-                        # before it.
+                        # If it hits the coast, use the drift alone; if that hits a cape, stop in
+                        # the water before it.
                         move_lon, move_lat = line_lon, line_lat
                 lon[i], lat[i] = x_end, y_end
             else:
@@ -139,11 +133,15 @@ def between(
     coast: DeviceCoast | None,
     polar: bool = False,
 ) -> None:
-    """Move positions from a time inside the step just made to a later one, in water and in place.
+    """Move positions from a time inside the last step to a later one, in place, keeping to water.
 
-    ensemble: a drift.engine.particles.ensemble.Ensemble, after the step. diffusivity: [m2/s] by
-    scenario, negative where its particles are left alone. shift: from slots to their numbers in the
-    whole run, by scenario (kernels.runtime.batch). polar: whether the domain holds a pole.
+    Args:
+        ensemble: a drift.engine.particles.ensemble.Ensemble, after the step.
+        inside: the times and the positions.
+        diffusivity: [m2/s] by scenario; negative: leave its particles where they are.
+        shift: from slots to their numbers in the whole run, by scenario (kernels.runtime.batch).
+        coast: the coast; None: open sea.
+        polar: whether the domain holds a pole.
     """
     e, own = ensemble, inside
     columns = (

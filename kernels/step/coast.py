@@ -1,11 +1,11 @@
-"""Where a step first touches the coast, and whether a point is in the water.
+"""First touch of a step with the coast, and whether a point is in the water.
 
 The geometry is in exact integers, on the grid of geo.coast.edges.
 
 Steps and shoreline edges are straight lines between lattice points of binary-angle lon-lat. Signs
-of determinants are taken in 64-bit integers, so no answer depends on rounding; steps and edges must
-be shorter than 2**29 units (45 degrees). A point on an edge is land, and a step that touches an
-edge has crossed it. Outside the grid all is water.
+of determinants are computed in 64-bit integers, so no answer depends on rounding; steps and edges
+must be shorter than 2**29 units (45 degrees). A point on an edge is land, and a step that touches
+an edge has crossed it. Everything outside the grid is water.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ import taichi as ti
 from geo.coast import edges as shore_grid
 from kernels.runtime import launch, runtime
 
-# lon0, lat0, shift, nx, ny, reference x, reference y of geo.coast.edges.Coast; where edges, their
-# numbers and the lines begin in `shoreline`.
+# lon0, lat0, shift, nx, ny, reference x, reference y of geo.coast.edges.Coast; then where edges,
+# their numbers and the lines begin in `shoreline`.
 Frame = ti.types.vector(10, ti.i32)
-EDGES_AT, NUMBERS_AT, LINES_AT = 7, 8, 9  # of the last three of these
+EDGES_AT, NUMBERS_AT, LINES_AT = 7, 8, 9  # indices of the last three
 Bytes = ti.types.ndarray(dtype=ti.u8, ndim=1)
 Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
 Reals = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -31,8 +31,8 @@ NEVER = ONE + 1
 
 Coast = ti.types.argpack(
     cell=Bytes,  # (ny * nx,)
-    # One after another: where the edges of each cell begin in the list (ny * nx + 1,); edges as
-    # listed by cell (4 * n,); the number of each (n,); the line of each number (4 * m,).
+    # Concatenated: where the edges of each cell begin in the list (ny * nx + 1,); edges as listed
+    # by cell (4 * n,); the number of each (n,); the line of each number (4 * m,).
     shoreline=Ints,
     frame=Frame,
 )
@@ -60,9 +60,7 @@ def upload(coast: shore_grid.Coast) -> DeviceCoast:
 
 
 def open_sea() -> DeviceCoast:
-    """Return a coast of no cells, to stand for the arguments of a kernel that was compiled without
-    one.
-    """
+    """Return a coast without cells, a placeholder for kernels compiled without a coast."""
     return DeviceCoast(
         launch.pack(Coast, runtime.empty(1, ti.u8), runtime.empty(1, ti.i32), Frame([0] * Frame.n))
     )
@@ -116,9 +114,9 @@ def is_wet(lon, lat, coast: ti.template()):
 
 @ti.func
 def _fraction(sx, sy, ax, ay, bx, by):
-    """Return where the step (0, 0)-(sx, sy) first touches the edge A-B, in 2**-30 of it;
+    """Return the share of step (0, 0)-(sx, sy) at its first touch of edge A-B, in units of 2**-30.
 
-    NEVER if it doesn't.
+    NEVER without a touch.
     """
     at = NEVER
     side_a = sx * ay - sy * ax
@@ -147,11 +145,10 @@ def _fraction(sx, sy, ax, ay, bx, by):
 
 @ti.func
 def _first(lon, lat, sx, sy, coast: ti.template()):
-    """Return (fraction in 2**-30, listed edge) of a step's first touch, over the cells that it goes
-    through.
+    """Return (fraction in 2**-30, index in the list of edges) of a step's first touch.
 
-    The cells are visited row by row: in each row, the columns between where the step enters and
-    leaves it.
+    The cells on the step are visited row by row: in each row, the columns between where the step
+    enters and leaves it.
     """
     line = ti.static(coast.shoreline)
     frame = coast.frame
@@ -197,24 +194,23 @@ def _first(lon, lat, sx, sy, coast: ti.template()):
     return best, struck
 
 
-# Nearer to a pole [binary angle, 84.5 degrees] lies no shore that is reached by sea.
+# Poleward of this latitude [binary angle, 84.5 degrees], no shore can be reached by sea.
 POLEWARD = 1_008_000_000
 
 
 @ti.func
 def clearance(lon, lat, coast: ti.template()):
-    """Return how far a move may lead along each axis [binary angle] without meeting the coast,
-    wherever; 0 where nobody knows.
+    """Return a distance [binary angle] along each axis within which no move meets the coast.
 
-    This costs one look-up of a cell's byte, and no branch.
+    0 means unknown. It costs one look-up of a cell's byte, and no branch.
     """
     frame = coast.frame
     column = ti.cast(ti.bit_shr(ti.cast(lon - frame[0], ti.u32), frame[2]), ti.i32)
     row = ti.cast((ti.cast(lat, ti.i64) - frame[1]) >> frame[2], ti.i32)
     inside = (column < frame[3]) & (row >= 0) & (row < frame[4])
     away = ti.cast(coast.cell[ti.select(inside, row * frame[3] + column, 0)], ti.i32) & 127
-    # A move of k cells' width ends at most k cells away, wherever in the cell it begins; k < away
-    # is clear.
+    # A move of k cell widths ends at most k cells away, wherever in the cell it begins; k < away is
+    # clear.
     return ti.select(inside, (away - 1) << frame[2], 0)
 
 
@@ -226,14 +222,13 @@ def is_clear(lon, lat, reach, coast: ti.template()):
 
 @ti.func
 def first_crossing(lon, lat, dlon, dlat, coast: ti.template()):
-    """Return (hit, lon, lat, fraction, edge_id): how a step (dlon, dlat) from water ends [binary
-    angles].
+    """Return (hit, lon, lat, fraction, edge_id): the end of a step (dlon, dlat) from water.
 
-    Without a hit: (0, where the step leads, 1.0, -1). With one: the last lattice point in water
-    before the crossing (verified: the way to it touches no edge; at worst the start), the
+    Without a hit: (0, the step's end, 1.0, -1). With a hit: the last lattice point [binary angles]
+    in water before the crossing (verified: the path to it touches no edge; at worst the start), the
     crossing's fraction of the step, and the number of the shoreline edge. In open sea it costs one
-    look-up: a cell's byte says how far the coast is. A kernel that asks several times asks in a
-    loop: each place where this is written costs it half a second of compilation.
+    look-up: a cell's byte holds the distance of the coast. A kernel that needs it several times
+    should call it in a loop: each call in the source costs half a second of compilation.
     """
     hit = 0
     stop_lon = lon + dlon
@@ -244,7 +239,7 @@ def first_crossing(lon, lat, dlon, dlat, coast: ti.template()):
     if not is_clear(lon, lat, reach, coast):
         sx = ti.cast(dlon, ti.i64)
         sy = ti.cast(dlat, ti.i64)
-        along = reach  # how much of the step is left, counted along its longer side
+        along = reach  # length of the step up to the point tried, along its longer side
         back = 0
         seeking = 1
         while seeking == 1:
@@ -264,7 +259,7 @@ def first_crossing(lon, lat, dlon, dlat, coast: ti.template()):
                 if along <= 0:
                     along = 0
                     seeking = 0
-                # Round towards the start. The point may still lie across an edge, so the way to it
+                # Round towards the start. The point may still lie across an edge, so the path to it
                 # is tested as a step.
                 sx = ti.cast(abs(dlon), ti.i64) * along // reach
                 sy = ti.cast(abs(dlat), ti.i64) * along // reach
@@ -312,11 +307,12 @@ def _meets(lon: Ints, lat: Ints, dlon: Ints, dlat: Ints, fraction: Reals, coast:
             )
             if at != NEVER:
                 met = ti.cast(at, ti.f32) * ti.cast(1.0 / ONE, ti.f32)
-        fraction[i] = met  # of every step: a card brings back the whole array, and took none of it
+        # written for every step: a graphics card copies the whole array back, but not to the card
+        fraction[i] = met
 
 
 class Crossings(NamedTuple):
-    """What happened to steps, shape (n,) each."""
+    """Ends of steps, shape (n,) each."""
 
     hit: np.ndarray  # bool
     lon: np.ndarray  # int32, where the step ends [binary angle]
@@ -337,10 +333,9 @@ def wet(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 def meets(
     coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray, dlat: np.ndarray
 ) -> np.ndarray:
-    """Return at which fraction steps from wet points first touch the coast; inf for those that do
-    not.
+    """Return the share of each step at its first touch of the coast; inf without a touch.
 
-    Points and steps are binary angles of shape (n,).
+    Steps start at wet points. Points and steps are binary angles of shape (n,).
     """
     steps = [np.ascontiguousarray(a, np.int32) for a in (lon, lat, dlon, dlat)]
     fraction = np.full(steps[0].size, np.inf, np.float32)
@@ -352,8 +347,9 @@ def meets(
 def crossings(
     coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray, dlat: np.ndarray
 ) -> Crossings:
-    """Return where steps from wet points [binary angles], shape (n,), end: at the coast or where
-    they lead.
+    """Return the ends of steps from wet points [binary angles], shape (n,).
+
+    A step ends at the coast if it meets it.
     """
     steps = [np.ascontiguousarray(a, np.int32) for a in (lon, lat, dlon, dlat)]
     n = steps[0].size

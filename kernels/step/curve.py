@@ -1,19 +1,18 @@
-"""Where a particle is inside a step: the cubic that a Runge-Kutta step describes, as a departure
-from its chord.
+"""Position inside a step: the cubic of a Runge-Kutta step, as a departure from its chord.
 
-With k1 and k4 the displacements over the whole step at the velocity of its first and its last
-stage, and M the displacement of the step, the continuous extension of third order of the classical
+Let k1 and k4 be the displacements over the whole step at the velocity of its first and its last
+stage, and M the displacement of the step. The continuous extension of third order of the classical
 scheme (Zennaro 1986, doi:10.1090/S0025-5718-1986-0815835-4; Hairer, Norsett and Wanner 1993, II.6)
 is the cubic Hermite interpolant with the end slopes k1 and k4. With d0 = k1 - M and d1 = k4 - M it
-departs from the chord, at a share s of the way, by
+departs from the chord, at a share s of the path, by
 
     b(s) = s (1 - s)^2 d0 - s^2 (1 - s) d1
 
-It costs no further stage. Where the forcing is linear in time and uniform in space, it is exact.
+It costs no further stage. If the forcing is linear in time and uniform in space, it is exact.
 
-A `bend` is (d0 lon, d0 lat, d1 lon, d1 lat) [binary angle units]. Where the domain holds a pole,
-chords are great circles and a bend is (d0 east, d0 north, d1 east, d1 north) [m], carried to the
-meridian of 0: see kernels.maths.sphere.meridian.
+A `bend` is (d0 lon, d0 lat, d1 lon, d1 lat) [binary angle units]. In a domain with a pole, chords
+are great circles and a bend is (d0 east, d0 north, d1 east, d1 north) [m], rotated to the meridian
+of 0: see kernels.maths.sphere.meridian.
 """
 
 from typing import Any
@@ -27,23 +26,22 @@ from kernels.step import life
 from kernels.step.coast import Ints, Reals
 
 MOST = 4.0 / 27.0  # the largest value of s (1 - s)^2
-CHORD = 5.0  # [m] a way that departs from its chord by less counts as straight
+CHORD = 5.0  # [m] a path that departs from its chord by less counts as straight
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 
 
 def edges(elapsed: int, duration: int, pieces: int) -> list[int]:
-    """Return where the straight pieces of a step begin and, last, where the step ends [s after the
-    run's start].
-    """
+    """Return the begin of each straight piece of a step and, last, its end [s after the start]."""
     return [elapsed + duration * k // pieces for k in range(pieces + 1)]
 
 
 @ti.func
 def off_chord(bend: f32x4, share: ti.f32) -> f32x2:
-    """Return by how much (lon, lat) a way departs from its chord at a share of it [binary angle
-    units].
+    """Return the departure (lon, lat) of a path from its chord at a share of it.
+
+    It is in binary angle units.
     """
     a, b = share * (1.0 - share) * (1.0 - share), share * share * (1.0 - share)
     return f32x2(a * bend[0] - b * bend[2], a * bend[1] - b * bend[3])
@@ -70,16 +68,18 @@ def cut_short(bend: f32x4, part: ti.f32) -> f32x4:
 
 @ti.func
 def bulge(bend: f32x4) -> f32x2:
-    """Return a bound on the largest (lon, lat) distance of a track from its chord, at most 1.2
-    times the true one.
+    """Return an upper bound of the (lon, lat) distance of a track from its chord.
+
+    It is at most 1.2 times the true maximum.
     """
     return MOST * f32x2(ti.abs(bend[0]) + ti.abs(bend[2]), ti.abs(bend[1]) + ti.abs(bend[3]))
 
 
 @ti.func
 def pieces(bend: f32x4, c: ti.f32, most: ti.i32) -> ti.i32:
-    """Return into how many pieces a way is cut so that each is straight, by CHORD; c: cosine of the
-    latitude.
+    """Return the number of pieces of a path so that each is straight within CHORD.
+
+    c: cosine of the latitude; most: upper bound of the number.
     """
     off = bulge(bend) * ti.f32(sphere.RADIUS * sphere.UNIT)
     far = ti.sqrt(off[0] * off[0] * c * c + off[1] * off[1])
@@ -103,10 +103,10 @@ def inside(
     share: ti.f32,
     off: f32x2,
 ) -> f32x2:
-    """Return how far a way has led at a share of it, from (lon, lat) on.
+    """Return the displacement of a path from (lon, lat) at a share of it.
 
-    off: by how much it departs from its chord there. Both are (lon, lat) [binary angle units], in a
-    domain with a pole (east, north) [m].
+    off: its departure from its chord there. Both are (lon, lat) [binary angle units], in a domain
+    with a pole (east, north) [m].
     """
     led = f32x2(ti.cast(to_lon - lon, ti.f32), ti.cast(to_lat - lat, ti.f32)) * share + off
     if ti.static(polar):
@@ -118,7 +118,7 @@ def inside(
 
 @ti.func
 def end_of_way(polar: ti.template(), lon: ti.i32, lat: ti.i32, way: f32x2):
-    """Return (lon, lat) after a way as `inside` returns it."""
+    """Return (lon, lat) after a displacement as `inside` returns it."""
     x, y = lon, lat
     if ti.static(polar):
         x, y = sphere.exponential(lon, lat, way[0], way[1])
@@ -169,14 +169,15 @@ def places(
     time: int,
     polar: bool = False,
 ) -> tuple[Any, Any]:
-    """Return where drifting particles were at a time inside the step just made, without the noise
-    inside it.
+    """Return the positions of drifting particles at a time inside the last step, without noise.
+
+    The noise inside the step is that of kernels.step.bridge.
 
     Args:
         ensemble: a drift.engine.particles.ensemble.Ensemble of n particles, after the step.
         before: lon and lat at the begin of the step [binary angle, int32], on the device, shape
             (n,) each.
-        bend: of each particle's way, float32 on the device, shape (4 n,).
+        bend: of each particle's path, float32 on the device, shape (4 n,).
         elapsed: begin of the step [s after the run's start].
         duration: of the step [s].
         time: [s after the run's start].

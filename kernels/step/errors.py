@@ -1,6 +1,4 @@
-"""What chance does to a step: errors of the forcing that decorrelate in time, a random walk, and
-jibes.
-"""
+"""Random terms of a step: correlated errors of the forcing, a random walk, and jibes."""
 
 from typing import NamedTuple
 
@@ -11,9 +9,8 @@ from kernels.step.features import BIAS, DEBRIS, DIFFUSION, ERRORS, GUIDED, JIBE,
 
 f32x2 = ti.types.vector(2, ti.f32)
 
-# Columns [m/s] in the rows of one array (kernels.runtime.rows): errors of the current and of the
-# wind at present, and the current's bias, which lasts. Here are the first rows of each, of the east
-# component.
+# Columns [m/s] in the rows of one array (kernels.runtime.rows): present errors of current and wind,
+# and the constant bias of the current. The numbers below are the rows of each one's east component.
 ROWS = (
     *("current_error_east", "current_error_north", "wind_error_east", "wind_error_north"),
     *("current_bias_east", "current_bias_north"),
@@ -22,9 +19,9 @@ CURRENT_ERROR, WIND_ERROR, CURRENT_BIAS = 0, 2, 4
 
 
 class Physics(NamedTuple):
-    """How the objects of one scenario move, besides the forcing; each term is off at zero."""
+    """Random motion of the objects of one scenario; each term is off at zero."""
 
-    current_std: float = 0.0  # [m/s] of the current's error, a component
+    current_std: float = 0.0  # [m/s] standard deviation of a component of the current's error
     current_time: float = 1.0  # [s] its decorrelation time
     wind_std: float = 0.0
     wind_time: float = 1.0
@@ -34,18 +31,19 @@ class Physics(NamedTuple):
 
 @ti.func
 def kept(time: ti.f32, dt: ti.f32) -> ti.f32:
-    """Return the share of itself that an Ornstein-Uhlenbeck process of decorrelation time `time`
-    [s] keeps over dt [s].
+    """Return the autocorrelation over dt [s] of an Ornstein-Uhlenbeck process.
+
+    time: its decorrelation time [s].
     """
     return ti.exp(-dt / time)
 
 
 @ti.func
 def transition(old: f32x2, std: ti.f32, keep: ti.f32, normal: f32x2) -> f32x2:
-    """Return an Ornstein-Uhlenbeck process some time after it was `old`, of which it keeps `keep`:
-    see `kept`.
+    """Return the next value of an Ornstein-Uhlenbeck process of standard deviation std.
 
-    Its standard deviation is std. The transition is exact for any time (Gillespie 1996,
+    old: its value before; keep: the autocorrelation over the interval, see `kept`; normal: two
+    standard normals. The transition is exact for any interval (Gillespie 1996,
     doi:10.1103/PhysRevE.54.2084, eq. 1.9).
     """
     kick = std * ti.sqrt(1.0 - keep * keep)
@@ -56,8 +54,8 @@ def transition(old: f32x2, std: ti.f32, keep: ti.f32, normal: f32x2) -> f32x2:
 def jibed(rate: ti.f32, dt: ti.f32, uniform: ti.f32):
     """Return whether an odd number of jibes at a rate [1/s] falls within dt [s].
 
-    The law does not depend on how a time is cut into steps. A Poisson number of mean m is odd with
-    probability (1 - exp(-2 m)) / 2.
+    The distribution does not depend on how the time is divided into steps. A Poisson number of mean
+    m is odd with probability (1 - exp(-2 m)) / 2.
     """
     odd = 0.5 - 0.5 * ti.exp(-2.0 * rate * dt)
     return uniform < odd
@@ -90,17 +88,17 @@ def draw_errors(
     terms: ti.template(),
     step: ti.i32,
 ):
-    """Draw what chance does to the particles of a bundle over their parts dt [s] of a lattice step.
+    """Draw the random terms of a bundle of particles for the dt [s] in which each moves.
 
-    held: see kernels.step.advance. Read: scenario, slot (in the whole run, the key of its noise),
-    dt, bias, and `nudge`, which is added to the normals of the errors where particles are guided
-    (kernels.step.guide). Made new: errors of current and wind, east and north [m/s], and the side.
-    Written: `error`, the mean of those at begin and end of the step, with the bias, and `walk`,
-    east and north [m], of the variance 2 D dt [m2]. table: the `Physics` of each scenario; terms:
-    see kernels.step.advance.
+    held: see kernels.step.advance. Read: scenario, slot (the number in the whole run, the key of
+    the noise), dt, bias, and `nudge`, which is added to the normals of the errors of guided
+    particles (kernels.step.guide). Updated: errors of current and wind, east and north [m/s], and
+    the side. Written: `error`, the mean of the errors at begin and end of the step plus the bias,
+    and `walk`, east and north [m], of variance 2 D dt [m2]. table: the `Physics` of each scenario;
+    terms: see kernels.step.advance.
     """
     wind = ti.static(bool(features & (JIBE | ERRORS) and features & WIND))
-    # What calls a library stands in a loop of its own: see kernels.runtime.bundle.
+    # Calls of library functions have a loop of their own: see kernels.runtime.bundle.
     for j in range(width):
         at, slot, dt = (
             held.story[0, j] * ti.static(len(Physics._fields)),

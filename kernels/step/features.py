@@ -1,6 +1,6 @@
-"""What a step may include, as bits of a number that is known when a kernel is compiled.
+"""Optional terms of a step, as bits of a compile-time number.
 
-What is not asked for is not compiled.
+Terms that are not requested are not compiled.
 """
 
 (
@@ -24,8 +24,8 @@ What is not asked for is not compiled.
     GUIDED,
     PARAMETERS,
 ) = (1 << k for k in range(19))
-# LAYERS: a quantity of the forcing has several tiles; POLAR: the domain holds a pole; PARAMETERS: a
-# velocity of the user's own, whose parameters stand in the columns of the leeway lines.
-LINES = WIND | PARAMETERS  # what has these columns read
-# terms of kernels.step.velocity, by quantity
+# LAYERS: a quantity of the forcing has several tiles; POLAR: the domain holds a pole; PARAMETERS:
+# the velocity is the user's own, with its parameters in the columns of the leeway lines.
+LINES = WIND | PARAMETERS  # features that read these columns
+# feature of each quantity of the forcing
 FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}

@@ -1,10 +1,10 @@
-"""Noise that guides particles toward finds: projections of it, and nudges added to it.
+"""Guided noise: shifts of the random errors that steer particles towards reported finds.
 
 A guided particle's errors of current and wind keep the numbers of their streams
 (kernels.maths.noise), to whose standard normals a shift is added.
-drift.evidence.filter.debris.guide chooses the shift, and weighs the particle for it. Here the
-normals of all steps are summed, each times how far it moves what drifts by the time of a find; and
-the shift of one step is computed from a particle's pull toward each find.
+drift.evidence.filter.debris.guide chooses the shift and corrects the particle's weight for it.
+`project` sums the normals of all steps, each multiplied by the displacement that it causes by the
+time of a find; `nudge` computes the shift of one step from a particle's pull towards each find.
 """
 
 from collections.abc import Mapping
@@ -16,16 +16,14 @@ from kernels.maths import noise
 from kernels.runtime import rows, runtime
 from kernels.step.coast import Ints, Reals
 
-# Columns of an ensemble in the rows of one array: what is added to the present step's normals [1].
+# Columns of an ensemble in the rows of one array: shifts of the present step's normals [1].
 NUDGES = ("nudge_current_east", "nudge_current_north", "nudge_wind_east", "nudge_wind_north")
 
 f32x2 = ti.types.vector(2, ti.f32)
 
 
 def nudges_of(columns: Mapping[str, Any], guided: bool) -> Any:
-    """Return the array of nudges, float32 (4 n,), where particles are guided; else one never read,
-    (1,).
-    """
+    """Return the array of nudges, float32 (4 n,); a placeholder (1,) without guided particles."""
     return rows.whole(columns, NUDGES) if guided else runtime.empty(1, ti.f32)
 
 
@@ -50,11 +48,11 @@ def project(
         last: slot after the last one.
         number: number of the first slot in the whole run, the key of its noise.
         begins: row of the first step in which each particle drifts, shape (n,).
-        numbers: of the step of each row, the key of its noise, shape (steps,).
+        numbers: number of each row's step, the key of its noise, shape (steps,).
         steps: number of rows.
         finds: number of finds.
-        responses: metres that a unit normal of the current's and of the wind's error moves what
-            drifts by the time of a find, flat, shape (finds * (steps + 1) * 2,).
+        responses: displacement [m] of a drifting particle by the time of a find, per unit normal of
+            the current's and of the wind's error, flat, shape (finds * (steps + 1) * 2,).
         sums: written: sums (east, north) [m] by particle and find, flat, shape (n * finds * 2,).
         seed0: first word of the run's key.
         seed1: second word of it.
@@ -76,15 +74,15 @@ def project(
 
 @ti.kernel
 def nudge(current: ti.f32, wind: ti.f32, begin: ti.i32, east: Reals, north: Reals, nudges: Reals):
-    """Write what one find adds to the normals of one step, or add it where another find has begun.
+    """Write or add the shift that one find causes in the normals of one step.
 
     Args:
         current: response of the current's error in this step [m].
         wind: response of the wind's error in it [m].
         begin: 1: write; 0: add to the present values.
-        east: pull of each particle toward the find [1/m], shape (n,).
-        north: its other component.
-        nudges: written: shifts of the current's and the wind's normals, shape (4 n,) in rows
+        east: east component of each particle's pull towards the find [1/m], shape (n,).
+        north: its north component.
+        nudges: updated: shifts of the current's and the wind's normals, shape (4 n,) in rows
             NUDGES.
     """
     n = east.shape[0]

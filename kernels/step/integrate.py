@@ -1,10 +1,11 @@
-"""A step along a field of velocity by an explicit Runge-Kutta scheme, and the field's divergence.
+"""Explicit Runge-Kutta steps along a velocity field, and the field's divergence.
 
-The step is taken in lon and lat.
+Steps are taken in lon and lat.
 
 A velocity is a `ti.func` (features, sea, own, lon, lat, fraction) -> (east, north, valid) [m/s], as
-`kernels.step.velocity.drift` is. features: what it is compiled for; sea: kernels.step.sample.Sea;
-own: what of the particle it depends on; lon, lat [binary angle]; fraction: of the lattice step.
+`kernels.step.velocity.drift` is. features: compile-time options; sea: kernels.step.sample.Sea; own:
+the particle's properties that the velocity depends on; lon, lat [binary angle]; fraction: of the
+lattice step.
 """
 
 import taichi as ti
@@ -12,10 +13,9 @@ import taichi as ti
 from kernels.maths import sphere
 from kernels.step.velocity import Drifter
 
-ASIDE = 200.0  # [m] to either side, the distance over which a divergence is measured
+ASIDE = 200.0  # [m] to either side: step of the central differences of a divergence
 
-# Where each stage stands in the step, and its part of the sum. A stage starts along the velocity of
-# the one before.
+# Time and weight of each stage. A stage starts along the velocity of the one before.
 MIDPOINT = ((0.0, 1 / 2), (0.0, 1.0))
 CLASSICAL = ((0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6))
 
@@ -26,7 +26,7 @@ f32x4 = ti.types.vector(4, ti.f32)
 
 @ti.func
 def tableau(scheme: ti.template(), stage: ti.i32) -> f32x2:
-    """Return where a stage of a scheme stands in the step, and its part of the sum."""
+    """Return (time, weight) of a stage: its share of the step, and its weight in the sum."""
     at, part = ti.cast(scheme[0][0], ti.f32), ti.cast(scheme[1][0], ti.f32)
     for k in ti.static(range(1, len(scheme[0]))):
         # Compare only where an entry differs from the one before: a comparison for each stage costs
@@ -39,23 +39,25 @@ def tableau(scheme: ti.template(), stage: ti.i32) -> f32x2:
 
 @ti.dataclass
 class Way:
-    """How far a step has led, stage after stage [binary angle units]; the first stage is given
-    zeros, valid of 1.
+    """Displacement of a step up to the present stage [binary angle units].
+
+    Before the first stage it is zero with valid = 1.
     """
 
-    # (dlon, dlat) over the whole step at the velocity of its last stage that found forcing
+    # (dlon, dlat) over the whole step at the velocity of the last stage that had forcing
     last: f32x2
     total: f32x2  # the sum of the stages so far
-    valid: ti.f32  # 0 once a stage has found no forcing
-    sets_off: ti.f32  # 0 where the first stage did not lead off the beach
+    valid: ti.f32  # 0 once a stage had no forcing
+    sets_off: ti.f32  # 0 if the first stage did not lead off the beach
 
 
 @ti.func
 def _sets_off(
     beached: ti.template(), way: ti.template(), entry: f32x2, r: f32x3, off: f32x2
 ) -> ti.f32:
-    """Return 0 where the first stage's drift (east, north, valid) does not lead off the beach, else
-    what it was.
+    """Return 0 if the first stage's drift (east, north, valid) does not lead off the beach.
+
+    Otherwise the value is unchanged.
     """
     sets_off = way.sets_off
     if ti.static(beached):
@@ -82,17 +84,17 @@ def lead(
     entry: f32x2,
     off: f32x2,
 ) -> Way:
-    """Return the `Way` after a further stage of a step over dt [s, signed] from (lon, lat).
+    """Return the `Way` after one more stage of a step over dt [s, signed] from (lon, lat).
 
     The scheme is MIDPOINT, of order 2, or CLASSICAL, of order 4 (Kutta 1901), in the coordinates
-    lon and lat themselves: stages of east and north metres, added up and wrapped afterwards, would
-    be of first order. entry: of its `tableau`; fraction: of the lattice step, at which the stage
-    stands. c0, s0: cosine and sine of lat.
+    lon and lat themselves: summing stages in metres and wrapping afterwards would be of first order
+    only. entry: the stage's `tableau`; fraction: its time in the lattice step. c0, s0: cosine and
+    sine of lat.
 
     beached: whether a particle may lie on a beach. Then `off` (east, north) points off the beach,
-    and the particle sets off only if the drift of the first stage has a component along it; `off`
-    is zero for a particle that is afloat. If the particle does not set off, the displacement means
-    nothing. There is no branch in it: see kernels.runtime.bundle.
+    and the particle leaves only if the drift of the first stage has a component along it; `off` is
+    zero for a particle that is afloat. For a particle that stays, the displacement is meaningless.
+    There is no branch: see kernels.runtime.bundle.
     """
     # m/s -> units of latitude in this step
     scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
@@ -127,12 +129,11 @@ def lead_over_pole(
     entry: f32x2,
     off: f32x2,
 ) -> Way:
-    """Return what `lead` does where meridians meet: stages and errors lie in the plane tangent at
-    the step's begin.
+    """Return the `Way` as `lead` does, near a pole: in the plane tangent at the step's begin.
 
-    Displacements are (east, north) [m] there, to which velocities are carried along great circles:
-    by the exponential map the step is that of the scheme, but for the curvature over one step, (20
-    km / R)^2 / 6 of it at most.
+    Displacements are (east, north) [m] there, and velocities are transported to it along great
+    circles. With the exponential map the step is that of the scheme, up to the curvature over one
+    step: at most (20 km / R)^2 / 6 of it.
     """
     x, y = sphere.exponential(lon, lat, entry[0] * way.last[0], entry[0] * way.last[1])
     turn = sphere.convergence(lon, lat, x, y)
@@ -155,8 +156,8 @@ def lead_over_pole(
 def led(way: ti.template()) -> f32x2:
     """Return (dlon, dlat) [binary angle units] of a whole step.
 
-    Where a stage found no forcing it is that of the last stage that found some: the coast may still
-    stop the particle on the way.
+    If a stage had no forcing, this is the displacement of the last stage that had: the coast may
+    still stop the particle on its way.
     """
     known = way.valid >= 0.5
     return f32x2(
@@ -174,9 +175,9 @@ def divergence(
     lat: ti.i32,
     fraction: ti.f32,
 ) -> ti.f32:
-    """Return the divergence [1/s] of a velocity on the sphere; 0 where a side has no forcing.
+    """Return the divergence [1/s] of a velocity on the sphere; 0 where a neighbour has no forcing.
 
-    It is taken by central differences.
+    It is computed by central differences.
     """
     c, s = sphere.cos_lat(lat), sphere.sin_lat(lat)
     dx = ti.cast(ti.min(ASIDE / (c * ti.f32(sphere.RADIUS * sphere.UNIT)), 5.0e8), ti.i32)

@@ -1,8 +1,8 @@
-"""A particle's life: its states, during which part of a step it moves, and how the step ends.
+"""A particle's states, the part of a step in which it moves, and how the step ends.
 
-Times are whole seconds after the run's start, also of a run backward in time. A particle waits for
-its release, drifts, and ends ashore, outside of the forcing, outside of the domain or sunk; what
-refloats goes on from the beach.
+Times are whole seconds after the run's start, also in backward runs. A particle waits for its
+release, drifts, and ends stranded, outside of the forcing, outside of the domain or sunk. A
+refloated particle continues from the beach.
 """
 
 import taichi as ti
@@ -11,7 +11,7 @@ ADRIFT, ASHORE, OUTSIDE, LEFT, SUNK, PENDING, UNDER_WAY, ARRIVED, AGROUND = rang
     9
 )  # drift.engine.particles.status.Status
 
-NEVER = 2**31 - 1  # [s] a time that does not come
+NEVER = 2**31 - 1  # [s] later than any time of a run
 LONGEST = 2.0e9  # [s] longest wait on a beach that whole seconds can hold
 
 
@@ -27,9 +27,9 @@ def ahead(
     """Return (moves, left, finish) of the step that begins at `elapsed`, before the step is made.
 
     moves: whether the particle moves in it; left, finish: from when to when [s]. due: when its wait
-    on the beach ends, `NEVER` where nothing refloats; sink_time: when it sinks, `NEVER` where
-    nothing sinks. A particle whose time to sink comes before it would begin to move has finish
-    equal to left: adrift it sinks at once; on the beach it stays, waterlogged.
+    on the beach ends, `NEVER` without refloating; sink_time: when it sinks, `NEVER` without
+    sinking. If a particle's time to sink comes before it would begin to move, finish equals left:
+    an adrift one sinks at once; a stranded one stays on the beach, waterlogged.
     """
     end = elapsed + duration
     begins = release
@@ -60,14 +60,14 @@ def ending(
     finish: ti.i32,
     over: ti.i32,
 ):
-    """Write how a step ends for particle i, which moved in it from `left` to `finish` [s]: its
-    place, state and time.
+    """Write the position, state and time of particle i at the end of a step.
 
     core: columns lon, lat, status, status_since and edge. domain: has west, south, width, height,
-    the box outside which it has left. met, number, part: whether and where it met the shore, as
-    kernels.step.shore.meet returns them; lon, lat: its place there, or at the way's end. known:
-    whether the forcing was known all along the way; without it the particle stays where it was.
-    over: the end of the step [s]. The shore comes first: what strands has neither left nor sunk.
+    the box outside which a particle has left. met, number, part: whether and where it met the
+    shore, as kernels.step.shore.meet returns them; lon, lat: its position there, or at the end of
+    its path. known: whether the whole path had forcing; otherwise the particle stays where it was.
+    It moved from `left` to `finish` [s]; over: the end of the step [s]. Stranding takes precedence
+    over leaving the domain and sinking.
     """
     if met == 1:
         core.lon[i], core.lat[i] = lon, lat
@@ -100,13 +100,12 @@ def behind(
     elapsed: ti.i32,
     duration: ti.i32,
 ):
-    """Return (seen, left, finish, gone) [s] of the step just made, or of a part of it, which began
-    at `elapsed`.
+    """Return (seen, left, finish, gone) [s] of the step just made, or of a part of it.
 
-    Pending particles are not allowed. The particle was there to be seen from `seen` until `gone`,
-    and moved straight from `left` to `finish`: not before its release, nor before it refloated
-    (`moving_since`), nor after it ended (`status_since`). What lies ashore is still there to be
-    seen.
+    The step or part began at `elapsed`. Pending particles are not allowed. The particle was visible
+    from `seen` until `gone`, and moved straight from `left` to `finish`: not before its release,
+    nor before it refloated (`moving_since`), nor after it ended (`status_since`). Stranded
+    particles stay visible.
     """
     finish = elapsed + duration
     gone = finish
@@ -115,17 +114,17 @@ def behind(
         if status != ASHORE:
             gone = finish
     seen = ti.max(elapsed, release)
-    # the latter: it refloats after this part of the step
+    # the minimum: it may refloat after this part of the step
     left = ti.max(seen, ti.min(moving_since, finish))
     return seen, left, finish, gone
 
 
 @ti.func
 def refloats(status_since: ti.i32, uniform: ti.f32, stay: ti.f32) -> ti.i32:
-    """Return when [s] a particle that went ashore at `status_since` is afloat again.
+    """Return when [s] a particle that stranded at `status_since` is afloat again.
 
-    The wait on the beach is exponential of mean `stay` [s]. uniform: a number in (0, 1) of this
-    landing, so that no step draws the wait again.
+    The wait on the beach is exponential with mean `stay` [s]. uniform: a number in (0, 1) that
+    belongs to this landing, so that every step computes the same wait.
     """
     wait = ti.min(-ti.log(uniform) * stay, LONGEST)
     return status_since + ti.cast(ti.min(wait, LONGEST - ti.cast(status_since, ti.f32)), ti.i32)

@@ -1,6 +1,6 @@
-"""A velocity of a user's own: a function in a Python file, in the place of leeway.
+"""User-defined velocities: a function in a Python file that replaces leeway.
 
-The file is run when it is loaded: it is a program, as much as this one.
+Loading the file executes it: it is trusted as much as this program.
 """
 
 import hashlib
@@ -20,9 +20,9 @@ from kernels.step.coast import Reals
 from kernels.step.features import CURRENT, STOKES, WIND
 from kernels.step.velocity import CURRENT_FROM, STOKES_FROM, WIND_FROM, forcing_at
 
-FUNCTION = "velocity"  # what the function in the file is called
-RADIANS = np.pi / 2**31  # of a unit of binary angle
-COLUMNS = 10  # of what a function is asked: current, wind, waves (two each), parameters (four)
+FUNCTION = "velocity"  # name of the function in the file
+RADIANS = np.pi / 2**31  # radians per unit of binary angle
+COLUMNS = 10  # arguments of the function: current, wind, waves (two each), parameters (four)
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x3 = ti.types.vector(3, ti.f32)
@@ -30,15 +30,15 @@ f32x4 = ti.types.vector(4, ti.f32)
 
 
 def load(path: Path, digest: str) -> Callable[..., Any]:
-    """Return the function of a file as kernels take it.
+    """Return the function of a user's file, compiled for kernels.
 
     Args:
         path: of the file.
-        digest: of its bytes, by which its module is named: a file that has changed is another
+        digest: SHA-256 of its bytes, part of its module's name: a changed file becomes another
             module.
 
     Raises:
-        UserError: where the file has changed, or running it fails.
+        UserError: the file has changed, or executing it fails.
     """
     try:
         same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
@@ -51,7 +51,7 @@ def load(path: Path, digest: str) -> Callable[..., Any]:
     assert spec is not None
     assert spec.loader is not None
     module = util.module_from_spec(spec)
-    sys.modules[name] = module  # the compiler looks there for the function's names
+    sys.modules[name] = module  # the compiler looks up the function's names there
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:  # whatever a user's file raises
@@ -80,7 +80,7 @@ def _asked(
     parameters: f32x4,
     latitude: ti.f32,
 ):
-    """Return what a user's function gives; latitude [rad], for one that takes it."""
+    """Return the result of a user's function; latitude [rad], if the function takes it."""
     if ti.static(by_latitude):
         return function(current, wind, waves, parameters, latitude)
     else:
@@ -88,12 +88,11 @@ def _asked(
 
 
 def in_sea(function: Callable[..., Any], by_latitude: bool) -> Any:
-    """Return a field of velocity, as kernels.step.advance.mover takes it, made of a user's
-    function.
+    """Return a velocity field, as kernels.step.advance.mover takes it, from a user's function.
 
     by_latitude: whether the function takes the latitude [rad] besides current, wind, waves and
-    parameters. Errors of the forcing are added to the current and to the wind that the function is
-    given.
+    parameters. Errors of the forcing are added to the current and the wind that the function
+    receives.
     """
 
     @ti.func
@@ -133,7 +132,7 @@ def _through(
         parameters = f32x4(row[6], row[7], row[8], row[9])
         got = _asked(function, by_latitude, current, wind, waves, parameters, latitude)
         two = f32x2(0.0)
-        two = got  # which is no vector of two numbers if this fails
+        two = got  # fails unless the result is a vector of two numbers
         way[2 * i], way[2 * i + 1] = got[0] - current[0], two[1] - current[1]
 
 
@@ -146,14 +145,14 @@ def through_water(
     parameters: Array,
     latitude: float,
 ) -> Array:
-    """Return the velocity relative to the current [m/s] (n, 2) that a user's function gives.
+    """Return the velocity relative to the current [m/s] (n, 2) of a user's function.
 
     Args:
         function: as `load` returns it.
         by_latitude: whether it takes the latitude.
         current: [m/s] east, north (n, 2).
         wind: [m/s] east, north (n, 2).
-        waves: their Stokes drift [m/s] east, north (n, 2).
+        waves: Stokes drift [m/s] east, north (n, 2).
         parameters: (n, 4).
         latitude: [rad].
     """

@@ -1,12 +1,11 @@
-"""Draw initial positions and release times: a position report, an area, a trackline; always in
-water.
+"""Draw initial positions and release times from a position report, an area or a trackline.
 
-Each slot tries up to TRIES candidates of its own random stream and keeps the first that lies in
-water: the prior conditioned on water. How many candidates were drawn tells the share of the prior
-that lay on land.
+All positions are in water. Each slot tries up to TRIES candidates of its own random stream and
+keeps the first one in water: the prior conditioned on water. The number of candidates gives the
+share of the prior that was on land.
 
-first, last: the slots, from the first to before the last; number: of the first in the whole run,
-the key of its noise.
+first, last: the slots, from the first to before the last; number: of the first one in the whole
+run, the key of its noise.
 """
 
 from typing import Any
@@ -17,11 +16,11 @@ from kernels.maths import angles, noise, sphere
 from kernels.runtime import rows
 from kernels.step.coast import Coast, Ints, Reals, is_wet
 
-TRIES = 4096  # a prior with less than 1 % of water still fails with probability 1e-18 only
-# draws of a slope: at least half of all draws pass, so that all fail with probability 2**-64 at
-# most
+TRIES = 4096  # even a prior with only 1 % of water fails with a probability of 1e-18 only
+# most draws of a slope: at least half of all draws pass, so that all fail with probability 2**-64
+# at most
 REDRAWS = 64
-# leeway lines of an object: the first draw of line k is number k of its stream, the next one k +
+# leeway lines of an object: the first draw of line k has number k in its stream, the next one k +
 # LINES
 LINES = 3
 
@@ -64,12 +63,12 @@ def draw_position(
     sector: ti.f32,
     coast: Coast,
 ):
-    """Draw positions [binary angle] around (lon0, lat0): a bivariate normal, then a displacement of
-    its own.
+    """Draw positions [binary angle] around (lon0, lat0): bivariate normal plus a displacement.
 
     major, minor [m] and orientation [rad from north]: standard deviations of the report. nearest,
-    farthest [m]: range of a uniform distance; bearing, sector [rad]: begin and width of a uniform
-    direction. tries[0] += candidates drawn, tries[1] += slots that found no water.
+    farthest [m]: range of the displacement's uniform distance; bearing, sector [rad]: begin and
+    width of its uniform direction. tries[0] += candidates drawn, tries[1] += slots without a
+    candidate in water.
     """
     for i in range(first, last):
         found = 0
@@ -97,10 +96,10 @@ def inside_ring(
 ):
     """Return 1 inside a polygon, else 0.
 
-    vertices: [lon0, lat0, lon1, ...], of which n from number `first` on are the polygon's; west: a
-    longitude to the west of all of it, by less than a turn.
+    vertices: [lon0, lat0, lon1, ...], of which n from number `first` on belong to the polygon;
+    west: a longitude west of all of it, by less than a turn.
 
-    It counts crossings, exactly, in 64-bit integers.
+    Crossings are counted exactly, in 64-bit integers.
     """
     x, y = ti.cast(ti.cast(lon - west, ti.u32), ti.i64), ti.cast(lat, ti.i64)
     odd = 0
@@ -143,10 +142,10 @@ def draw_area(
     The polygon's sides are straight in lon-lat, so that parallels stay parallels.
 
     west, south, width, height: its bounding box [binary angle]; broadest: the largest cos(lat) in
-    it. tries[0] counts the candidates inside the polygon, tries[1] the slots that found no water.
+    it. tries[0] += candidates inside the polygon, tries[1] += slots without a candidate in water.
     """
     for i in range(first, last):
-        # counted here, and added once: particles leave this loop at different times
+        # counted here and added once: particles leave this loop at different times
         found, inside = 0, 0
         k = 0
         while found == 0 and k < 16 * TRIES:
@@ -195,12 +194,13 @@ def draw_trackline(
     voyage: ti.f32,
     coast: Coast,
 ):
-    """Draw the share of the voyage done at the time of distress, and the place on the track there.
+    """Draw the share of the voyage completed at the time of distress, and the position there.
 
-    The place gets a cross-track error. points [lon0, lat0, ...]: begins of short great-circle
-    pieces; courses [rad], lengths [m] and ends (share of the voyage done at the piece's end), one a
-    piece. The share is uniform over [earliest, latest], or triangular with its peak at mode if mode
-    >= 0. release [s after start] = departure + share * voyage. cross_track: standard deviation [m].
+    The position gets a cross-track error. points [lon0, lat0, ...]: begins of short great-circle
+    pieces; courses [rad], lengths [m] and ends (share of the voyage completed at the piece's end),
+    one per piece. The share is uniform over [earliest, latest], or triangular with its peak at mode
+    if mode >= 0. release [s after start] = departure + share * voyage. cross_track: standard
+    deviation [m].
     """
     for i in range(first, last):
         found = 0
@@ -305,13 +305,12 @@ def draw_object(
     offset_std: float,
     least: float,
 ) -> None:
-    """Draw each particle's own slope and offset [m/s] of one leeway line; both move with one normal
-    number.
+    """Draw each particle's slope and offset [m/s] of one leeway line, from one normal number.
 
-    So the standard deviation at wind speed W is slope_std W + offset_std (Breivik and Allen 2008,
-    doi:10.1016/j.jmarsys.2007.02.010). A slope below `least` is drawn again with its offset, which
-    cuts the normal law there (docs/leeway.md). No more than half of the law may lie below. A slope
-    that fails REDRAWS times is `least`.
+    The standard deviation at wind speed W is slope_std W + offset_std (Breivik and Allen 2008,
+    doi:10.1016/j.jmarsys.2007.02.010). A slope below `least` is drawn again together with its
+    offset, which truncates the normal distribution there (docs/leeway.md). At most half of the
+    distribution may lie below. A slope that fails REDRAWS times is set to `least`.
     """
     law = mean_slope, mean_offset, slope_std, offset_std, least
     _draw_object(
@@ -323,9 +322,7 @@ def draw_object(
 def draw_side(
     first: ti.i32, last: ti.i32, number: ti.i32, side: Ints, seed0: ti.u32, seed1: ti.u32
 ):
-    """Draw the side to which each object drifts off the wind at first: +1 right, -1 left, equally
-    likely.
-    """
+    """Draw the side to which each object first drifts off the wind: +1 right or -1 left, evenly."""
     for i in range(first, last):
         w = noise.noise_words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -1)
         side[i] = 1 - 2 * ti.cast(w[0] >> ti.u32(31), ti.i32)
@@ -363,7 +360,7 @@ def draw_error(
     seed1: int,
     std: float,
 ) -> None:
-    """Draw errors [m/s], normal with standard deviation `std` a component.
+    """Draw errors [m/s], normal with standard deviation `std` per component.
 
     which: 0 for errors of the current, 1 for errors of the wind, 2 for biases of the current.
     """
@@ -393,14 +390,15 @@ def draw_objects(
     lasting: ti.f32,
     coast: Coast,
 ):
-    """Draw the objects of worlds, per_world slots each, about the world's release [binary angle].
+    """Draw the objects of worlds, per_world slots each, around the world's release [binary angle].
 
-    They are released from the time of the world's release on. The slots are those of a class, from
-    its first world here on; number: of its first slot in the whole run, for the random numbers.
+    They are released from the time of the world's release on. The slots are those of one class,
+    from its first world here on; number: of its first slot in the whole run, for the random
+    numbers.
 
-    scatter [m]: standard deviation of a component; lasting [s]: over which releases are uniform.
-    tries[0] += candidates drawn, tries[1] += slots that found no water and lie at their world's
-    release itself.
+    scatter [m]: standard deviation of a component; lasting [s]: duration over which releases are
+    uniform. tries[0] += candidates drawn, tries[1] += slots without a candidate in water, which
+    start at their world's release itself.
     """
     for i in range(first, last):
         k = (i - first) // per_world
@@ -471,7 +469,7 @@ def _scale_windage(
 
 
 def scale_windage(first: int, last: int, column: Any, world: Any, factor: Any) -> None:
-    """Multiply a column of leeway by its world's factor."""
+    """Multiply a column of leeway by the factor of each particle's world, in place."""
     _scale_windage(first, last, *rows.located(column), world, factor)
 
 
@@ -490,10 +488,10 @@ def draw_sinking(
 ):
     """Draw when each object sinks [s after start].
 
-    The time until then is lognormal, of median time[world] [s], or follows a constant hazard.
+    The time afloat is lognormal with median time[world] [s], or follows a constant hazard.
 
-    spread: standard deviation of the time's logarithm; 0 for a hazard of half-life time[world].
-    Infinite: never.
+    spread: standard deviation of the time's logarithm; 0 for a hazard of half-life time[world]. An
+    infinite time means never.
     """
     for i in range(first, last):
         w = noise.noise_words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -3)

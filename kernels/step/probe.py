@@ -1,6 +1,4 @@
-"""The arithmetic of the device: values of its functions, which differ in the last bit between kinds
-of processors.
-"""
+"""Fingerprint of a device's arithmetic, whose last bits differ between kinds of processors."""
 
 import numpy as np
 import taichi as ti
@@ -22,9 +20,7 @@ def _values(x: Reals, y: Reals):
 
 
 def values(x: np.ndarray) -> np.ndarray:
-    """Return values of the functions that kernels use, float32 (n,), at positive arguments, float32
-    (n,).
-    """
+    """Return values of the functions that kernels use, at positive x; float32 (n,)."""
     y = np.zeros_like(x)
     _values(x, y)
     return y

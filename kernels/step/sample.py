@@ -1,22 +1,19 @@
 """Current, wind and Stokes drift at a point, bilinear in space and linear in time.
 
-Several tiles answer by priority, or are added up.
+The forcing of a run consists of tiles, all in one flat array. A node holds four numbers side by
+side: (east, north) at the earlier and at the later of two times, so that one look-up fetches both.
+A missing value is NaN. The tiles of a quantity form groups. Within a group, the first tile with a
+value at the point counts; the values of all groups are added. If a group has no value, the sum is
+invalid, never zero.
 
-All tiles of a run lie in one flat array. A node holds four numbers side by side: (east, north) at
-the earlier and at the later of two times, so that one look-up fetches both. A missing value is NaN.
-The tiles of a quantity stand in groups: of a group the first tile that knows the point answers, and
-the answers of all groups are added up; where a whole group is silent the answer is not valid, never
-zero.
+The tile of an ensemble source holds the nodes of one member after another. A particle reads the
+nodes of its own member; a tile without members serves all particles.
 
-Where a source is an ensemble, its tile holds the nodes of one member after those of the other, and
-a particle is told by the nodes of its own member; a tile without members tells all alike.
-
-`scale` says that of each of the next steps, one after the other. Per tile, `where` (int32) holds
-WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, the tile after the last one of its
-group, and the nodes from one member to the next (0: it has none); `scale` (float32) SCALE numbers:
-nodes per unit east and north, the last node's coordinates (nlon - 1, nlat - 1; negative: nothing
-for this step), and the weight of the later slice at the begin of the step and its change over the
-step.
+Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, the
+tile after the last one of its group, and the number of nodes of a member (0: no members). `scale`
+(float32) holds SCALE numbers per tile, for each of the next steps in turn: nodes per unit east and
+north, the last node's coordinates (nlon - 1, nlat - 1; negative: no data in this step), and the
+weight of the later slice at the begin of the step and its change over the step.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +29,7 @@ from geo.grids.grid import Grid
 from kernels.runtime import launch, runtime
 
 WHERE, SCALE = 6, 6
-MOST = 32  # steps of which the weights are on the device
+MOST = 32  # most steps whose weights are on the device at once
 
 f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
@@ -51,12 +48,12 @@ Sea = ti.types.argpack(
 
 
 def position(quantity: str) -> int:
-    """Return where `Sea.ranges` holds the first tile of a quantity; the last one follows."""
+    """Return the index in `Sea.ranges` of a quantity's first tile; its last one follows."""
     return 2 * ORDER.index(quantity)
 
 
 def ordered(ranges: Ranges) -> tuple[int, ...]:
-    """Return first and last tile of each quantity as `Sea.ranges` holds them; (0, 0): it has none."""
+    """Return first and last tile of each quantity as in `Sea.ranges`; (0, 0): no tiles."""
     return tuple(number for quantity in ORDER for number in ranges.get(quantity, (0, 0)))
 
 
@@ -71,17 +68,17 @@ def of_tile(
     fraction: ti.f32,
     member: ti.i32,
 ) -> f32x3:
-    """Return (east, north, valid) of one tile; zeros where it does not know the point.
+    """Return (east, north, valid) of one tile; zeros where it has no value.
 
     row: where `scale` begins for the step; fraction: of the step. members: whether any tile has
-    members, known when this is compiled; member: the point's own.
+    members, a compile-time constant; member: the point's own.
 
-    It reads four nodes even then, and so does without a branch: see kernels.runtime.bundle.
+    It always reads four nodes, so that it needs no branch: see kernels.runtime.bundle.
     """
     nodes, where, scale = ti.static(sea.nodes, sea.where, sea.scale)
     w, s = tile * WHERE, row + tile * SCALE
-    # Differences are taken modulo a turn: a tile may lie across the antimeridian, and what lies
-    # west or south of it comes out far east or north.
+    # Differences wrap modulo a turn: a tile may cross the antimeridian, and points west or south of
+    # it come out far east or north.
     x = ti.cast(ti.cast(lon - where[w + 1], ti.u32), ti.f32) * scale[s]
     y = ti.cast(ti.cast(lat - where[w + 2], ti.u32), ti.f32) * scale[s + 1]
     # the last node belongs to the cell before it
@@ -98,7 +95,7 @@ def of_tile(
     alpha = scale[s + 4] + scale[s + 5] * fraction
     u = both[0] + alpha * (both[2] - both[0])
     v = both[1] + alpha * (both[3] - both[1])
-    known = (x <= scale[s + 2]) & (y <= scale[s + 3]) & (u + v == u + v)  # the last: not NaN
+    known = (x <= scale[s + 2]) & (y <= scale[s + 3]) & (u + v == u + v)  # the last term: not NaN
     return f32x3(ti.select(known, u, 0.0), ti.select(known, v, 0.0), ti.select(known, 1.0, 0.0))
 
 
@@ -114,11 +111,11 @@ def sample(
     fraction: ti.f32,
     member: ti.i32,
 ) -> f32x3:
-    """Return (east, north, valid), added up over the groups of tiles in [first, last).
+    """Return (east, north, valid), summed over the groups of tiles in [first, last).
 
-    Of each group the first tile that knows the point answers. sea: a `Sea`; row: where its `scale`
-    begins for the step; fraction: of the step. first must begin a group, last end one. members:
-    whether any tile has members, known when this is compiled; member: the point's own.
+    Within a group, the first tile with a value at the point counts. sea: a `Sea`; row: where its
+    `scale` begins for the step; fraction: of the step. first must begin a group, last end one.
+    members: whether any tile has members, a compile-time constant; member: the point's own.
     """
     where = ti.static(sea.where)
     east, north, valid = 0.0, 0.0, 0.0
@@ -132,20 +129,18 @@ def sample(
         else:
             tile += 1
             if tile == where[w + 4]:
-                tile = last  # the group has nothing here: neither has the sum
+                tile = last  # the group has no value here, so the sum has none
     return f32x3(east, north, valid)
 
 
 @ti.func
 def numbers_of(sea: ti.template()) -> ti.i32:
-    """Return how many numbers of `scale` belong to one step."""
+    """Return how many numbers `scale` has per step."""
     return sea.where.shape[0] // WHERE * SCALE
 
 
 def members_of(columns: Mapping[str, Any], tiles: "Tiles") -> Any:
-    """Return the column of members, int32 (n,), where tiles have any; else one that is never read,
-    (1,).
-    """
+    """Return the column of ensemble members, int32 (n,); a placeholder (1,) without members."""
     return columns["member"] if tiles.members > 1 else runtime.empty(1, ti.i32)
 
 
@@ -187,11 +182,11 @@ def _sample_all(
 
 
 class Tiles:
-    """The tiles of a run on the device; `place` puts a time slice in, `blend` says where in time a
-    step lies.
+    """The forcing tiles of a run on the device.
 
-    ends: for each tile the one after the last of its group; by default all are one group. members:
-    of each tile, by default one.
+    `place` writes a time slice, `blend` sets the times of the next steps. ends: for each tile the
+    one after the last of its group; by default all form one group. members: number of each tile's,
+    by default one.
     """
 
     def __init__(
@@ -237,8 +232,9 @@ class Tiles:
     def place(
         self, tile: int, values: np.ndarray, *, later: bool, shift: bool = False, member: int = 0
     ) -> None:
-        """Put a member's slice (nlat, nlon, 2) [m/s] in as the later or earlier one; shift: the
-        later becomes the earlier.
+        """Write a member's slice (nlat, nlon, 2) [m/s] as the later or the earlier one.
+
+        shift: copy the later slice to the earlier one first.
         """
         first = self.offsets[tile] + member * self._own[tile]
         flat = np.ascontiguousarray(values, np.float32).reshape(-1)
@@ -252,11 +248,11 @@ class Tiles:
         own[:, int(later)] = flat.view(np.int64)
 
     def blend(self, *steps: Sequence[tuple[float, float] | None]) -> None:
-        """Say where in time the next steps lie, at most MOST.
+        """Set the time weights of the next steps, at most MOST.
 
         Args:
-            steps: of each, per tile, the later slice's weight at its begin and end; None: nothing
-                for this step.
+            steps: for each step, per tile, the later slice's weight at its begin and end; None: no
+                data in this step.
         """
         scale = np.tile(self._scale, (MOST, 1, 1))
         for own, weights in zip(scale, steps, strict=False):
@@ -275,10 +271,9 @@ class Tiles:
         fraction: float,
         member: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return (east, north, valid) [m/s, m/s, 0 or 1], shape (n, 3), at binary angles: for tests
-        and checks.
+        """Return (east, north, valid) [m/s, m/s, 0 or 1], shape (n, 3), for tests and checks.
 
-        member: int32 (n,) of each place; by default the first.
+        lon, lat: binary angles (n,). member: int32 (n,), by default the first.
         """
         out = np.zeros(3 * lon.size, np.float32)
         own = np.zeros(lon.size, np.int32) if member is None else member

@@ -1,9 +1,8 @@
-"""What the shore does to a step: touches on the way, the time of landing, sliding along,
-refloating.
+"""Effect of the shore on a step: touches on the way, time of landing, sliding, refloating.
 
 Where a step meets the shore is exact (kernels.step.coast). What happens there is computed in
-float32 metres on the plane tangent at the particle, with the shore near it taken as a straight
-line.
+float32 metres on the plane tangent at the particle, with the shore near it approximated by a
+straight line.
 """
 
 import taichi as ti
@@ -13,15 +12,16 @@ from kernels.step import curve
 from kernels.step.coast import EDGES_AT, LINES_AT, first_crossing, is_clear
 
 METRES = sphere.RADIUS * sphere.UNIT  # [m] of a binary angle unit along a meridian
-# [m] that a sliding particle keeps off the shore, so that rounding does not put it ashore
+# [m] distance that a sliding particle keeps from the shore, so that rounding does not strand it
 OFF = 0.5
-# [m] standard deviation of a walk's pieces near the shore: islets and channels of that size are met
+# [m] standard deviation of a walk's pieces near the shore, which resolves islets and channels of
+# that size
 PIECE = 150.0
 MOST_PIECES = 64
-# [m] a way that may slide is cut into pieces of that: the rest of a piece goes on along an edge
-# past its corner
+# [m] length of the pieces of a path that may slide: after a corner, the rest of a piece continues
+# along the old edge
 SLID = 50.0
-CORNERS = 6  # edges that a step slides along at most
+CORNERS = 6  # most edges that a step slides along
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x3 = ti.types.vector(3, ti.f32)
@@ -29,10 +29,9 @@ f32x3 = ti.types.vector(3, ti.f32)
 
 @ti.func
 def nearest(lon, lat, reach, c, coast: ti.template()) -> f32x3:
-    """Return (distance, east, north) [m] from a point to the nearest point of the shore, within
-    reach [m].
+    """Return (distance, east, north) [m] from a point to the nearest shore within reach [m].
 
-    c: cosine of the latitude. A distance above reach says that there is none.
+    c: cosine of the latitude. A distance above reach means that there is none.
     """
     line = ti.static(coast.shoreline)
     frame = coast.frame
@@ -73,10 +72,9 @@ def nearest(lon, lat, reach, c, coast: ti.template()) -> f32x3:
 
 @ti.func
 def facing(lon, lat, c, number, coast: ti.template()) -> f32x3:
-    """Return (distance [m], east, north): how far a point is from an edge's straight line, and the
-    normal.
+    """Return (distance [m], east, north) of a point from an edge's straight line.
 
-    The unit normal (east, north) points to the side of the point.
+    (east, north): unit normal of the line, towards the point.
     """
     line = ti.static(coast.shoreline)
     first = coast.frame[LINES_AT] + 4 * number
@@ -84,7 +82,7 @@ def facing(lon, lat, c, number, coast: ti.template()) -> f32x3:
     ay = ti.cast(line[first + 1] - lat, ti.i64)
     ex = ti.cast(line[first + 2] - line[first], ti.i64)
     ey = ti.cast(line[first + 3] - line[first + 1], ti.i64)
-    turn = ey * ax - ex * ay  # exact: its sign is the side on which the point lies
+    turn = ey * ax - ex * ay  # exact: its sign tells on which side the point lies
     dx, dy = ti.cast(ex, ti.f32) * c, ti.cast(ey, ti.f32)
     length = ti.sqrt(dx * dx + dy * dy)
     left = 1.0 if turn > 0 else -1.0
@@ -106,7 +104,7 @@ def touch(lon, lat, dlon, dlat, chance, c, coast: ti.template()):
     """
     sx = ti.cast(dlon, ti.f32) * (c * ti.f32(METRES))
     sy = ti.cast(dlat, ti.f32) * ti.f32(METRES)
-    # where the bridge met the shore, one of its ends lies within this distance
+    # if the bridge met the shore, one of its ends lies within this distance
     reach = ti.sqrt(chance)
     touched, before, after, nx, ny = 0, 0.0, 0.0, 0.0, 0.0
     for end in range(2):
@@ -127,12 +125,12 @@ def touch(lon, lat, dlon, dlat, chance, c, coast: ti.template()):
 def landing(fraction, before, variance, normal, uniform):
     """Return the share of a step [1] after which a random walk first meets a line.
 
-    fraction: the share after which its straight way meets the line. before: distance [m] to the
+    fraction: the share after which its straight path meets the line. before: distance [m] to the
     line at the step's begin; variance [m2]: 2 D t of the walk over the step. In the clock s = share
     / (1 - share) a bridge is Brownian motion with drift, so s is inverse Gaussian with mean
-    fraction / (1 - fraction) and shape before^2 / variance; drawn by Michael, Schucany and Haas
-    1976 (doi:10.1080/00031305.1976.10479147). The same law holds for a bridge that comes back, to
-    its mirror image.
+    fraction / (1 - fraction) and shape before^2 / variance; sampled after Michael, Schucany and
+    Haas 1976 (doi:10.1080/00031305.1976.10479147). The same distribution holds for a bridge that
+    comes back, to its mirror image.
     """
     share = fraction
     if variance > 0.0 and fraction < 0.9999 and before > 0.0:
@@ -151,10 +149,10 @@ def pushed(sx, sy, before, nx, ny, chance) -> f32x2:
     """Return a step (sx, sy) [m] pushed off the shore's line by as much as it went over it.
 
     The line lies at distance `before` [m] and has the normal (nx, ny). chance [m2]: see `touch`; 0
-    without diffusion. With it, the lowest point of the bridge over the step is drawn from its law,
-    and the push makes the motion a reflected Brownian motion in a half-plane, exact in law
-    (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H). Without diffusion the push is the projection
-    onto the shore.
+    without diffusion. With diffusion, the lowest point of the bridge over the step is drawn from
+    its distribution, and the push makes the motion a reflected Brownian motion in a half-plane,
+    exact in distribution (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H). Without diffusion the
+    push is the projection onto the shore.
     """
     after = before + sx * nx + sy * ny
     lowest = 0.5 * (before + after - ti.sqrt((before - after) * (before - after) + 4.0 * chance))
@@ -164,7 +162,7 @@ def pushed(sx, sy, before, nx, ny, chance) -> f32x2:
 
 @ti.func
 def along(sx, sy, nx, ny) -> f32x2:
-    """Return what is left of a step (sx, sy) [m] that has met a further edge: it follows that edge.
+    """Return the rest of a step (sx, sy) [m] that has met another edge: it follows that edge.
 
     nx, ny: the edge's unit normal.
     """
@@ -174,17 +172,16 @@ def along(sx, sy, nx, ny) -> f32x2:
 
 @ti.func
 def leave(lon, lat, c, offing, number, coast: ti.template()):
-    """Return (lon, lat, east, north): where a particle leaves the beach to, and the unit vector
-    there.
+    """Return (lon, lat, east, north) of a particle that leaves the beach.
 
-    The place lies an offing [m] straight off the beach, or half-way to another shore that is
-    nearer.
+    (lon, lat) lies `offing` [m] straight off the beach, or half-way to another shore that is
+    nearer; (east, north): unit vector off the beach.
     """
     f = facing(lon, lat, c, number, coast)
     move_x = ti.cast(ti.round(offing * f[1] / (c * ti.f32(METRES))), ti.i32)
     move_y = ti.cast(ti.round(offing * f[2] / ti.f32(METRES)), ti.i32)
     x, y, hit = lon, lat, 1
-    for _ in range(2):  # first all the way, then half the way to what it met
+    for _ in range(2):  # first the full distance, then half the distance to the shore that it met
         if hit == 1:
             hit, x, y, _part, _number = first_crossing(lon, lat, move_x, move_y, coast)
             move_x, move_y = (x - lon) // 2, (y - lat) // 2
@@ -193,9 +190,9 @@ def leave(lon, lat, c, offing, number, coast: ti.template()):
 
 @ti.func
 def piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step):
-    """Return (dlon, dlat, chance): piece j of a random walk, and the `chance` of its touch.
+    """Return (dlon, dlat, chance) of piece j of a random walk; chance: see `touch`.
 
-    v: variance [m2] of each piece. rest_lon, rest_lat: what is left to walk; the last piece takes
+    v: variance [m2] of each piece. rest_lon, rest_lat: remaining displacement; the last piece takes
     all of it, which makes the walk a Brownian bridge. seed0, seed1, slot, step: the key of its
     noise.
     """
@@ -214,8 +211,7 @@ def piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step):
 
 @ti.func
 def mirrored(dlon, dlat, after, nx, ny, c):
-    """Return (dlon, dlat): a step that ends before the shore's line, mirrored to end as far behind
-    it.
+    """Return (dlon, dlat) of a step that ends before the shore's line, mirrored at the line.
 
     after: distance [m] of its end from the line; nx, ny: the line's normal.
     """
@@ -228,11 +224,12 @@ def mirrored(dlon, dlat, after, nx, ny, c):
 def is_far(walks: ti.template(), lon, lat, dlon, dlat, off, c, variance, coast: ti.template()):
     """Return whether a step is too far from the shore for `meet` to change it.
 
-    off: by how much the way departs from its chord at most [binary angle units].
+    off: largest departure of the path from its chord [binary angle units].
     """
     span = ti.max(ti.abs(dlon), ti.abs(dlat)) + off
     if ti.static(walks):
-        # Beyond 2.9 standard deviations of the walk no bridge comes back with a chance of 2^-24.
+        # Beyond 2.9 standard deviations of the walk, a bridge comes back with probability below
+        # 2^-24.
         span += ti.cast(2.9 * ti.sqrt(variance) / (c * ti.f32(METRES)), ti.i32) + 1
     return is_clear(lon, lat, span, coast)
 
@@ -254,21 +251,20 @@ def meet(
     step,
     coast: ti.template(),
 ):
-    """Return (met, lon, lat, part, edge number): how a step (dlon, dlat) from water ends that is
-    not `is_far`.
+    """Return (met, lon, lat, part, edge number): the end of a step (dlon, dlat) from water.
 
-    met: whether it ends on the shore.
+    met: whether it ends on the shore. The step is not `is_far`.
 
-    bend: how the way departs from its chord (kernels.step.curve): it is taken in pieces that are
-    straight, so that a bent way meets the shore where small steps meet it.
+    bend: departure of the path from its chord (kernels.step.curve). The path is divided into
+    straight pieces, so that a curved path meets the shore where small steps meet it.
 
     walks: whether the step is a random walk of variance [m2] = 2 D t, with the noise of a slot and
-    a step. A walk is a Brownian bridge, taken in pieces of at most PIECE, so that a shore smaller
-    than the step's spread is met as often as at small steps; each piece is tested for a crossing
-    and for a touch. part: share of the step [1] after which the shore is met.
+    a step. A walk is a Brownian bridge in pieces of standard deviation PIECE at most, so that a
+    shore smaller than the step's spread is met as often as with small steps; each piece is tested
+    for a crossing and for a touch. part: share of the step [1] after which the shore is met.
 
-    slides: whether what meets the shore goes on along it instead of ending there: it is `pushed`
-    off the shore's line and led `along` each further edge in turn.
+    slides: whether a particle that meets the shore continues along it instead of ending there: it
+    is `pushed` off the shore's line and led `along` each further edge in turn.
     """
     k = ti.f32(METRES)
     pieces = curve.pieces(bend, c, MOST_PIECES)
@@ -284,7 +280,7 @@ def meet(
         )
     v = variance / ti.cast(pieces, ti.f32)
     x, y, rest_lon, rest_lat = lon, lat, dlon, dlat
-    off_lon, off_lat = 0, 0  # how far the way is off its chord
+    off_lon, off_lat = 0, 0  # departure of the path from its chord so far
     met, part, number = 0, ti.cast(1.0, ti.f32), -1
     for j in range(pieces):
         if met == 0:
@@ -305,8 +301,8 @@ def meet(
                 move_lon, move_lat = move_lon + to_lon - off_lon, move_lat + to_lat - off_lat
                 off_lon, off_lat = to_lon, to_lat
 
-            # The first attempt is the piece itself; later ones are what the shore makes of a piece
-            # that has met it.
+            # The first attempt is the piece itself; later ones are the piece as changed by the
+            # shore.
             x_from, y_from, way_lon, way_lat, going = x, y, move_lon, move_lat, 1
             x_end, y_end, before, share, struck = (
                 x,
@@ -358,7 +354,7 @@ def meet(
                             sx, sy, going = s[0], s[1], 1
                             x_from, y_from = x_stop, y_stop
                     else:
-                        met = hit  # past the end of a spit it may find water
+                        met = hit  # past the end of a spit there may be water
                         if hit == 1:
                             x_end, y_end, share, struck = x_stop, y_stop, at, edge
                     if ti.static(slides):

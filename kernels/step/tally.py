@@ -1,8 +1,8 @@
-"""What particles add up to: sums by block of slots, and fixed-point amounts by cell of a map.
+"""Sums over particles by block of slots, and fixed-point amounts by cell of a map.
 
-One thread sums a block, slot after slot, and amounts in cells are whole numbers: the bits are the
-same on any number of threads. Sums take float64's sine and 64-bit atomics, which Vulkan and Metal
-lack on many cards: NumPy makes them there.
+One thread sums a block, slot after slot, and amounts in cells are integers: results have the same
+bits on any number of threads. Sums need float64 sines and 64-bit atomics, which Vulkan and Metal
+lack on many graphics cards; there NumPy computes them.
 """
 
 import itertools
@@ -22,10 +22,10 @@ from kernels.runtime import runtime
 from kernels.runtime.dtypes import NUMPY
 
 ABLE = ("cpu", "cuda")  # backends that have both
-LEAST = 0.5 / fixed_point.ONE  # probabilities above it count in fixed point
-HIDDEN, MOVING, RESTING = 0, 1, 2  # what a status is on a map
+LEAST = 0.5 / fixed_point.ONE  # probabilities above it are not 0 in fixed point
+HIDDEN, MOVING, RESTING = 0, 1, 2  # how a status counts on a map
 # Sums of a block: probability, its square; weight (probability on the map), its square; weight
-# times cosine and sine of the longitude; weight times x, y, z of what moves, then of what rests;
+# times cosine and sine of the longitude; weight times x, y, z of moving, then of resting particles;
 # probability by status, then its square.
 PROBABILITY, WEIGHT, DIRECTION, VECTORS, STATUS = (
     slice(0, 2),
@@ -34,7 +34,7 @@ PROBABILITY, WEIGHT, DIRECTION, VECTORS, STATUS = (
     slice(6, 12),
     slice(12, None),
 )
-# 1.5 * 2^52: a float64 of up to 2^51 that it is added to is rounded to a whole number
+# 1.5 * 2^52: adding it rounds a float64 of up to 2^51 to an integer
 WHOLE = 6755399441055744.0
 
 Reals = ti.types.ndarray(dtype=ti.f64, ndim=1)
@@ -44,7 +44,7 @@ Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
 
 
 class Swarm(NamedTuple):
-    """Particles, and what their statuses are on a map."""
+    """Particles, and how each of their statuses counts on a map."""
 
     lon: Array  # int32 binary angle (n,)
     lat: Array
@@ -54,7 +54,7 @@ class Swarm(NamedTuple):
 
 
 class Summed(NamedTuple):
-    """What blocks add up to."""
+    """Sums of blocks of particles."""
 
     sums: Array  # float64 (k, 12 + 2 * statuses)
     lightest: Array  # float64 (k,) least weight that is not 0; 1 where there is none
@@ -62,7 +62,7 @@ class Summed(NamedTuple):
 
 
 def able() -> bool:
-    """Return whether the running backend makes sums; else NumPy does."""
+    """Return whether the running backend can compute sums; otherwise NumPy does."""
     return runtime.backend() in ABLE
 
 
@@ -96,7 +96,7 @@ def _sum(
     sums: Reals,
     extremes: Reals,
 ):
-    """Sum each block by itself."""
+    """Sum each block separately."""
     many = edges.shape[0] - 1
     for b in range(many):
         row = b * (STATUS.start + 2 * statuses)
@@ -133,7 +133,7 @@ def _sum(
 
 
 def _summed(swarm: Swarm, edges: Array) -> Summed:
-    """Return the same by NumPy."""
+    """Return the sums of `summed`, computed by NumPy."""
     many, statuses, p = len(edges) - 1, len(swarm.kinds), swarm.probability
     kind = np.where(p > LEAST, swarm.kinds[swarm.status], HIDDEN)
     lon, lat = swarm.lon * sphere.UNIT, swarm.lat * sphere.UNIT
@@ -159,16 +159,16 @@ def _summed(swarm: Swarm, edges: Array) -> Summed:
 
 
 class Marks(NamedTuple):
-    """How a map tells particles apart."""
+    """Categories by which a map separates particles."""
 
     group: Array  # int32 (n,) 0 .. groups - 1
     medium: Array  # int32 (statuses,) of each status, 0 .. media - 1
     scenario: Array  # int32 (n,)
-    shown: Array  # int32 (scenarios,) place of each scenario among those that are shown
+    shown: Array  # index of each scenario among those shown
 
 
 def held(parts: Iterable[Swarm], window: Cells) -> Array:
-    """Return which cells of a map hold anything: flat indices, ascending."""
+    """Return the cells of a map that contain particles: flat indices, ascending."""
     many = window.nlon * window.nlat
     marks = _zeros(many, ti.u8)
     for part in parts:
@@ -188,27 +188,25 @@ def laid(
     shown: int,
     heaviest: float,
 ) -> tuple[Array, Array, Array]:
-    """Return what lies in the cells of a map, in fixed point.
+    """Return the probability in the cells of a map, in fixed point.
 
     Args:
-        parts: particles, and how the map tells them apart.
+        parts: particles with their categories on the map.
         window: cells of the map.
-        cells: flat indices of those that hold anything, ascending (h,).
+        cells: flat indices of the occupied cells, ascending (h,).
         groups: number of groups.
         media: number of media.
         shown: number of scenarios that are shown.
-        heaviest: largest probability of a particle, in units of which squares are summed; 0:
-            squares are left out.
+        heaviest: largest probability of a particle, the unit of the sums of squares; 0: no squares.
 
     Returns:
         Weights by group and medium, squared weights likewise, and weights by scenario and medium:
-            int64, of shape
-        (groups, media, h), (groups, media, h), (shown, media, h). What is left out, as scenarios
-        are where one is shown, is zero.
+            int64, shapes (groups, media, h), (groups, media, h), (shown, media, h). Sums that are
+            not computed are zero: squares if heaviest is 0, scenarios if only one is shown.
     """
     place = np.full(window.nlon * window.nlat, -1, np.int32)
     place[cells] = np.arange(cells.size)
-    # What a particle adds to stands side by side: weights and squares of a cell.
+    # A particle's sums are adjacent in memory: weights and squares of a cell.
     shape, alone = (cells.size, groups, media, 2), (cells.size, shown, media)
     sums, by_scenario = _zeros(math.prod(shape)), _zeros(math.prod(alone))
     lying = runtime.resident(place) if able() else place
@@ -235,8 +233,8 @@ def laid(
 
 
 def _zeros(many: int, kind: Any = ti.i64) -> Any:
-    # Taichi 1.7.4 zeroes whole words of 32 bits: bytes beyond the last one would keep what was
-    # there.
+    # Taichi 1.7.4 zeroes whole words of 32 bits only: bytes beyond the last word would keep old
+    # contents.
     return runtime.empty(many + -many % 4, kind) if able() else np.zeros(many, NUMPY[kind])
 
 
@@ -245,15 +243,13 @@ def _read(sums: Any, many: int) -> Array:
 
 
 def _bounds(window: Cells) -> tuple[int, ...]:
-    """Return the grid as kernels take it."""
+    """Return the grid's corner, cell size and shape as kernels take them."""
     corner = window.lon0 % sphere.TURN, window.lat0 % sphere.TURN
     return *corner, window.width, window.height, window.nlon, window.nlat
 
 
 def _found(swarm: Swarm, window: Cells) -> tuple[Array, Array, Array]:
-    """Return the slots of what lies in the cells of a map, its cell and its fixed-point
-    probability.
-    """
+    """Return the slots of particles on the map, their cells and their fixed-point probabilities."""
     slot = np.flatnonzero((swarm.kinds[swarm.status] != HIDDEN) & (swarm.probability > LEAST))
     cell = fixed_point.index_of_cells(swarm.lon[slot], swarm.lat[slot], window)
     slot, cell = slot[cell >= 0], cell[cell >= 0]
@@ -271,10 +267,10 @@ def _cell(
     nlon: ti.u32,
     nlat: ti.u32,
 ) -> ti.i32:
-    """Return the flat index of the cell that holds a place; -1 off the grid (see geo.cells.index_of_cells)."""
+    """Return the flat index of a position's cell, -1 off the grid; see geo.cells.index_of_cells."""
     x, y = (ti.cast(lon, ti.u32) - west) // width, (ti.cast(lat, ti.u32) - south) // height
     found = -1
-    if x < nlon and y < nlat:  # unsigned differences of what lies west or south are large
+    if x < nlon and y < nlat:  # unsigned differences of positions west or south are large
         found = ti.cast(y * nlon + x, ti.i32)
     return found
 
@@ -302,7 +298,7 @@ def _mark(
     nlat: ti.u32,
     marks: Bytes,
 ):
-    """Mark the cells of a map that hold anything."""
+    """Mark the occupied cells of a map."""
     for i in range(lon.shape[0]):
         if kinds[status[i]] != HIDDEN and probability[i] > LEAST:
             cell = _cell(lon[i], lat[i], west, south, width, height, nlon, nlat)
@@ -335,7 +331,7 @@ def _lay(
     sums: Wide,
     by_scenario: Wide,
 ):
-    """Add up what lies in the cells of a map."""
+    """Add particles to the cells of a map."""
     for i in range(lon.shape[0]):
         p = probability[i]
         if kinds[status[i]] != HIDDEN and p > LEAST:

@@ -1,4 +1,4 @@
-"""How fast an object drifts at a point: current, Stokes drift, leeway, and the errors of each."""
+"""Drift velocity of an object at a point: current, Stokes drift, leeway, and their errors."""
 
 import taichi as ti
 
@@ -6,7 +6,7 @@ from kernels.runtime import bundle
 from kernels.step.features import CURRENT, LAYERS, MEMBERS, STOKES, WIND
 from kernels.step.sample import of_tile, position, sample
 
-# Where `Sea.ranges` holds the first and the last tile of each.
+# Indices in `Sea.ranges` of the first and the last tile of each.
 CURRENT_FROM, WIND_FROM, STOKES_FROM = (
     position(quantity) for quantity in ("current", "wind", "stokes")
 )
@@ -18,18 +18,18 @@ f32x4 = ti.types.vector(4, ti.f32)
 
 @ti.dataclass
 class Drifter:
-    """What of a particle its drift depends on, throughout one step."""
+    """The properties of a particle that determine its drift during one step."""
 
-    line: f32x4  # leeway: slope and offset [m/s] downwind and to the right of downwind
-    error: f32x4  # of current and wind, east and north [m/s]
-    member: ti.i32  # of an ensemble of forcings; 0 where there is none
-    row: ti.i32  # where `Sea.scale` has the weights of this step
-    asks: ti.f32  # 0: the answer does not count
+    line: f32x4  # leeway: slope and offset [m/s] downwind, then to the right of downwind
+    error: f32x4  # [m/s] errors of current and wind, east and north
+    member: ti.i32  # member of the forcing ensemble; 0 without one
+    row: ti.i32  # where `Sea.scale` holds the weights of this step
+    asks: ti.f32  # 0: the result will not be used
 
 
 @ti.func
 def leeway(line: f32x4, wind_east: ti.f32, wind_north: ti.f32) -> ti.types.vector(2, ti.f32):
-    """Return (east, north) [m/s] of an object's leeway in a wind [m/s].
+    """Return the leeway (east, north) [m/s] of an object in a wind [m/s].
 
     line: slope and offset [m/s] downwind and to the right of downwind (Allen and Plourde 1999;
     Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010, eq. 1-2).
@@ -52,14 +52,16 @@ def forcing_at(
     lat: ti.i32,
     fraction: ti.f32,
 ) -> f32x3:
-    """Return (east, north, valid) [m/s] of a quantity of the forcing, whose tiles stand at a place
-    of `Sea.ranges`.
+    """Return (east, north, valid) [m/s] of one quantity of the forcing.
+
+    place: index of its first tile in `Sea.ranges`.
     """
     members = ti.static(bool(features & MEMBERS))
     first, r = sea.ranges[place], f32x3(0.0)
     if ti.static(bundle.alone()):
-        # What counts changes from stage to stage. So a card reads the numbers of a tile at each
-        # stage, from its cache, and does not hold them in two dozen registers all through the step.
+        # `asks` changes from stage to stage. A graphics card therefore reads a tile's numbers from
+        # its cache at each stage, instead of holding them in two dozen registers all through the
+        # step.
         first = ti.select(own.asks > 0.5, first, 0)
     if ti.static(features & LAYERS):
         r = sample(
@@ -79,8 +81,7 @@ def drift(
     lat: ti.i32,
     fraction: ti.f32,
 ) -> f32x3:
-    """Return (east, north, valid) [m/s] of a drifting object: current + Stokes drift + leeway +
-    errors.
+    """Return (east, north, valid) [m/s] of an object: current + Stokes drift + leeway + errors.
 
     sea: kernels.step.sample.Sea; own: a `Drifter`; lon, lat [binary angle]; fraction: of the step.
     valid: 0 where forcing is missing.

@@ -1,16 +1,14 @@
-"""Clouds of particles that follow targets which are rarely seen: moved, cut by sweeps of sensors
-and filled again.
+"""Clouds: a tracker's particle sets for rarely detected targets, updated by sweeps.
 
-A cloud is one tracker's particle set for one target: at most `size` particles, those that count
-first, each as `kernels.tracking.follower` has it. A sweep that detected something keeps the
-particles in the box of the detection; one that found nothing keeps those outside the sensor's
-reach. What is left of too few is filled again by duplicates, by a new draw from the detection's
-box, or the track is lost.
+A cloud is one tracker's particle set for one target: at most `size` particles, the valid ones
+first; see `kernels.tracking.follower`. A sweep with a detection keeps the particles in the
+detection's box; a sweep without one keeps those outside the sensor's reach. When too few remain,
+the cloud is refilled by duplicates or by a new draw from the detection's box, or the track is lost.
 
-Where there is a coast particles are drawn in water, and keep to it.
+If there is a coast, particles are drawn in water and stay there.
 
-The methods are the heuristics of Borovies 2007 (see drift.tracking.tracker), no Bayes. One thread
-takes one cloud, so that no number depends on how many threads there are.
+The methods are the heuristics of Borovies 2007 (see drift.tracking.tracker), not Bayesian updates.
+One thread processes one cloud, so that results do not depend on the number of threads.
 """
 
 from typing import Any
@@ -52,61 +50,61 @@ from kernels.tracking.follower import (
 )
 from kernels.tracking.levels import level
 
-# what a sweep came to; MARK: nothing was swept, the estimate is asked for
+# outcomes of a sweep; MARK: no sweep, only an estimate
 SILENT, DETECTED, MARK = range(3)
-# how a cloud is filled: the last three from a detection's box
+# how a cloud is refilled: the last three from a detection's box
 DUPLICATE, WEIGHTED, AIMED, COMBINED = range(4)
 
-BLOCK = 512  # turns of a loop that Taichi never parts between threads: one cloud in each
-# least weight, as a share of the fastest speed: a tenth of a knot where that is 32
+BLOCK = 512  # loop iterations that Taichi never splits between threads: one cloud in each
+# least weight, as a share of the highest speed: a tenth of a knot if that is 32
 LEAST = 0.1 / 32
-PLACES = 64  # places drawn for a particle until one is in water; without one it is not there
+PLACES = 64  # positions drawn for a particle until one is in water; without one it is dropped
 
 
 class Track:
-    """What stands in which column of the tables of clouds: see kernels.tracking.follower.Own."""
+    """Columns of the tables of clouds: see kernels.tracking.follower.Own."""
 
-    ESTIMATE = 0  # stored: unit vector, speed [rad/s] (< 0: there is none yet) and time [s]
-    LOST = 5  # [s] when it was lost last; NaN: never
-    # Of the last time of detections: share of the cloud that they left before it was filled, < 0:
-    # there was none; 1 where so few were left that it was drawn again; and that time [s].
+    ESTIMATE = 0  # last estimate: unit vector, speed [rad/s] (< 0: none yet) and time [s]
+    LOST = 5  # [s] last loss of the track; NaN: never
+    # At the last time with detections: share of the cloud that they kept before the refill, < 0:
+    # none; 1 if so few were kept that the cloud was redrawn; that time [s].
     LEFT = 6
     REAL = 9
 
     RUN = 0  # key of the random numbers: clouds of one run share them
     RULES = 1  # row of Rules
-    FIRST = 2  # its sweeps are those from `first` to before `last`
+    FIRST = 2  # first of its sweeps; `last`: after its last one
     LAST = 3
     FIRST_LEG = 4  # its tracker's legs
     LAST_LEG = 5
-    FIRST_ROW = 6  # of the estimates: that of a sweep is this and its `row`
-    COUNT = 7  # particles that count
+    FIRST_ROW = 6  # first row of its estimates; a sweep's row is this and its `row`
+    COUNT = 7  # valid particles
     DRAWN = 8  # particles drawn so far
     WHOLE = 9
 
 
 class Sweep:
-    """What stands in which column of the tables of sweeps."""
+    """Columns of the tables of sweeps."""
 
     TIME = 0  # [s]
-    PLACE = 1  # unit vector of the sensor; at a mark of the target
+    PLACE = 1  # unit vector of the sensor; at a mark that of the target
     BEARING = 4  # [rad] of the detection
-    HALF = 5  # [rad] its box on either side; pi: all round
-    NEAR = 6  # [rad] its box, or how far a sensor reaches that found nothing
+    HALF = 5  # [rad] half width of its box; pi: all round
+    NEAR = 6  # [rad] ranges of its box, or the reach of a sensor without detection
     FAR = 7
     REAL = 8
 
     OUTCOME = 0  # SILENT, DETECTED or MARK
-    ROW = 1  # of the estimates, or -1
+    ROW = 1  # row of the estimates, or -1
     WHOLE = 2
 
 
 Tracks = ti.types.argpack(track_real=DoubleTable, track_whole=IntTable)
 Sweeps = ti.types.argpack(sweep_real=DoubleTable, sweep_whole=IntTable)
 
-# Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at
-# the target; NaN: not asked. lost: when the track was lost last [s]; left, again: see Tracks: these
-# are told without a track too
+# An estimate; velocities [rad/s]. level: share of the cloud in denser places than the target; NaN:
+# not computed. lost: last loss of the track [s]; left, anew: see Track. The last three are written
+# even without a track.
 FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost", "left", "anew")
 WIDE = len(FIELDS)
 
@@ -129,12 +127,11 @@ def apply_sweep(
     seed1: ti.u32,
     coast: ti.template(),
 ):
-    """Have particles act until sweep e, and keep those that it does not contradict, closed up to
-    the front.
+    """Let particles act until sweep e, and keep those consistent with it, moved to the front.
 
-    Returns how many are left, the least squared chord from the sensor to any that there was, the
-    sum of weights that there was, and the sums over what is left: of weights, and by weight of
-    speeds, places and velocities.
+    Returns the number kept, the least squared chord from the sensor to any particle before, the sum
+    of weights before, and sums over the particles kept: of weights, and by weight of speeds,
+    positions and velocities.
     """
     time, outcome, bearing, half = (
         sweeps.sweep_real[e, Sweep.TIME],
@@ -186,8 +183,8 @@ def apply_sweep(
             inside = squared <= far * far and squared >= near * near
             nearest = ti.min(nearest, squared)
             if inside and not all_round:
-                # The angle off the bearing is at most `half`, of 0 to pi, where sin(half - angle)
-                # is not negative.
+                # The angle off the bearing must be at most `half`, of 0 to pi, where sin(half -
+                # angle) is not negative.
                 inside = sine * p.dot(ahead) >= cosine * ti.abs(p.dot(aside))
             keep = inside == (outcome == DETECTED)
         if keep:
@@ -224,11 +221,10 @@ def drawn_anew(
     seed1: ti.u32,
     coast: ti.template(),
 ):
-    """Fill a cloud from the box of a detection; return how many particles it has now, and how many
-    it has drawn so far.
+    """Refill a cloud from a detection's box; return the numbers of valid and of drawn particles.
 
-    The last estimate tells which of them are likely, or where they come from; without one all are
-    alike.
+    The last estimate weights the new particles, or gives their origin; without an estimate all are
+    equally likely.
     """
     law, run, base, time, bearing = (
         tracks.track_whole[k, Track.RULES],
@@ -239,7 +235,7 @@ def drawn_anew(
     )
     s = vector(sweeps.sweep_real, e, Sweep.PLACE)
     east, north = frame(s)
-    # Of two detections at one time the first tells no speed.
+    # Of two detections at one time, the first gives no speed.
     old = f64x3(
         tracks.track_real[k, Track.ESTIMATE],
         tracks.track_real[k, Track.ESTIMATE + 1],
@@ -320,10 +316,9 @@ def duplicated(
     seed0: ti.u32,
     seed1: ti.u32,
 ):
-    """Fill a cloud with duplicates of what is left, by weight; return how many particles it has
-    drawn so far.
+    """Refill a cloud with duplicates, sampled by weight; return how many it has drawn so far.
 
-    A duplicate keeps its weight, and neither what it is about nor when it acts.
+    A duplicate keeps its weight, but neither its intention nor its time to act.
     """
     total = ti.f64(0.0)
     for j in range(count):
@@ -351,8 +346,9 @@ def duplicated(
 
 @ti.func
 def summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
-    """Return the sums of a cloud at a time [s]: of weights, and by weight of speeds, places and
-    velocities.
+    """Return a cloud's sums at a time [s]: (weights, speeds, positions, velocities).
+
+    All but the first are sums by weight.
     """
     total, rate = ti.f64(0.0), ti.f64(0.0)
     mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
@@ -384,7 +380,7 @@ def followed(
     estimates: ti.template(),
     coast: ti.template(),
 ):
-    """Take cloud k through its sweeps."""
+    """Process the sweeps of cloud k."""
     law, run, base = tracks.track_whole[k, Track.RULES], tracks.track_whole[k, Track.RUN], k * size
     first_leg, last_leg = (
         tracks.track_whole[k, Track.FIRST_LEG],
@@ -513,7 +509,7 @@ def _follow(
     estimates: Doubles,
     coast: Coast,
 ):
-    """Take every cloud through its sweeps, each by a thread of its own."""
+    """Process the sweeps of every cloud, each by a thread of its own."""
     for turn in range(clouds * BLOCK):
         if turn % BLOCK == 0:
             followed(
@@ -545,12 +541,22 @@ def follow(
     estimates: Any,
     coast: DeviceCoast | None = None,
 ) -> None:
-    """Take clouds through their sweeps.
+    """Process the sweeps of clouds on the device, in place.
 
-    areas: whether the level of the target is asked for at marks. size: most particles of a cloud.
-    cloud, tracks, rules, sweeps, legs: device tables by name, the members of Cloud (clouds * size
-    rows), Tracks, Rules, Sweeps and Legs. estimates: (rows * 12,), the FIELDS of each. coast: on
-    whose land no particle is, None: anywhere.
+    Args:
+        areas: whether to compute the target's level at marks.
+        size: most particles of a cloud.
+        seed: of the random numbers.
+        cloud: device tables by name, the members of Cloud, clouds * size rows.
+        tracks: the members of Tracks, a row per cloud.
+        rules: the members of Rules.
+        sweeps: the members of Sweeps.
+        legs: the members of Legs.
+        estimates: written, (rows * 12,), the FIELDS of each.
+        coast: whose land particles avoid; None: they may be anywhere.
+
+    Raises:
+        UserError: on Metal, which lacks float64.
     """
     if runtime.backend() == "metal":
         raise UserError(

@@ -1,9 +1,8 @@
-"""One particle of a cloud that follows a target which is rarely seen: where it is, what it does,
-how it keeps off the land.
+"""One particle of a tracker's cloud for a rarely detected target: motion, decisions, coast.
 
-It keeps a great circle at its own speed from an anchor, and acts at times of its own (`Rules`): it
-takes another course and speed, seeks a tracker or hides from it. One that comes to the shore takes
-another course there.
+A particle keeps a great circle at its own speed from an anchor, and acts at random times (`Rules`):
+it takes another course and speed, seeks a tracker or hides from it. A particle that reaches the
+shore takes another course there.
 """
 
 import taichi as ti
@@ -16,61 +15,61 @@ DoubleTable = ti.types.ndarray(dtype=ti.f64, ndim=2)
 IntTable = ti.types.ndarray(dtype=ti.i32, ndim=2)
 f64x3 = ti.types.vector(3, ti.f64)
 
-ACTING, SEEKING, HIDING = range(3)  # what a particle is about
+ACTING, SEEKING, HIDING = range(3)  # intentions of a particle
 
-# [rad] of way after which the anchor moves on; to twice that the series below hold to 1e-12
+# [rad] arc after which the anchor moves; the series below are accurate to 1e-12 up to twice that
 FAR = 0.05
 NEVER = 1e300  # [s]
-UNIT = 6.283185307179586 / 4294967296.0  # [rad] of a binary angle
-# [rad] of way that is held against the shore as a straight line in longitude and latitude: 1.3 km,
-# 3 cm off at 60 degrees
+UNIT = 6.283185307179586 / 4294967296.0  # [rad] one binary angle unit
+# [rad] arc that is tested against the shore as a straight line in longitude and latitude: 1.3 km,
+# error 3 cm at 60 degrees
 ALONG = 2e-4
-# courses that a particle tries at a place on the shore; then it goes back where it came from
+# courses that a particle tries at a place on the shore; then it turns back
 TURNS = 16
-NOWHERE = 1e-6  # [rad] of way: what makes less between two turns has not got away
+NOWHERE = 1e-6  # [rad] arc: a particle that moves less between two turns has not left the place
 
 
-# Each thing has a row of a table of real numbers, and of one of whole numbers where it has any. The
-# classes say what stands in which column; REAL and WHOLE are the numbers of columns. A vector takes
-# three.
+# Each object has a row in a table of floats, and in a table of integers if it has any. The classes
+# give the columns; REAL and WHOLE are the numbers of columns. A vector takes three columns.
 class Own:
-    """Of a particle."""
+    """Columns of a particle."""
 
     PLACE = 0  # unit vector of the anchor
     WAY = 3  # unit tangent there
     RATE = 6  # [rad/s]
     SINCE = 7  # [s] when it was at the anchor
     DUE = 8  # [s] when it acts next
-    FREE = 9  # [s] until when its way is known to meet no shore
-    SCRATCH = 10  # sums of weights, in the first of three; or where it is
+    FREE = 9  # [s] time until which its path is known to be clear of the shore
+    SCRATCH = 10  # cumulative weight, in the first of three columns; or its present position
     WEIGHT = 13
     REAL = 14
 
     MODE = 0  # ACTING, SEEKING or HIDING
-    SERIAL = 1  # how many of its cloud were drawn before it: the key of its random numbers
-    ACTS = 2  # how often it has acted
+    SERIAL = 1  # number of particles of its cloud drawn before it: the key of its random numbers
+    ACTS = 2  # number of its acts so far
     WHOLE = 3
 
 
 class Rule:
-    """Of a way of following."""
+    """Columns of a rule: the behaviour of particles, and how a cloud is refilled."""
 
-    CHANGE = 0  # probability that a particle which acts takes another course and speed
-    SEEK = 1  # that it seeks from then on
-    HIDE = 2  # that it hides
-    LEAVE = 3  # that one which seeks or hides acts freely again
+    CHANGE = 0  # probability per act of another course and speed
+    SEEK = 1  # of seeking from then on
+    HIDE = 2  # of hiding
+    LEAVE = 3  # of ending seeking or hiding
     SOONEST = 4  # [s] between acts; NEVER: particles do not act
     LATEST = 5
     SPREAD = 6  # [rad] half of the sector about the reciprocal bearing in which one hides
     FASTEST = 7  # [rad/s]
-    PARTIAL = 8  # share of particles below which duplicates are made
-    BULK = 9  # share below which the box is drawn from again, or the track is lost
+    PARTIAL = 8  # share of particles below which a cloud is refilled with duplicates
+    # share below which the cloud is redrawn from the detection's box, or the track is lost
+    BULK = 9
     METHOD = 10  # WEIGHTED, AIMED or COMBINED
     REAL = 11
 
 
 class Leg:
-    """Of a tracker's way, of which the last has no speed: there it stays."""
+    """Columns of a leg of a tracker's track; the last leg has no speed."""
 
     TIME = 0  # [s]
     PLACE = 1  # unit vector of its begin
@@ -94,7 +93,7 @@ def unit(word: ti.u32) -> ti.f64:
 def cloud_words(
     seed0: ti.u32, seed1: ti.u32, stream: ti.i32, run: ti.i32, serial: ti.i32, number: ti.i32
 ):
-    """Return four words for a particle of a run's clouds."""
+    """Return four random words for a particle of a run's clouds."""
     return noise.philox(
         ti.cast(serial, ti.u32),
         ti.cast(number, ti.u32),
@@ -107,7 +106,7 @@ def cloud_words(
 
 @ti.func
 def vector(table: ti.template(), row: ti.i32, first: ti.template()) -> f64x3:
-    """Return the vector of the three numbers in a row of a table from a column on."""
+    """Return three numbers in a row of a table, from a column on, as a vector."""
     return f64x3(table[row, first], table[row, first + 1], table[row, first + 2])
 
 
@@ -123,9 +122,7 @@ def frame(p: f64x3):
 
 @ti.func
 def turned(p: f64x3, u: f64x3, angle: ti.f64):
-    """Return (place, tangent) after a way of an angle [rad], of at most twice FAR, from place and
-    tangent.
-    """
+    """Return (place, tangent) after an arc [rad] of at most twice FAR from place and tangent."""
     y = angle * angle
     c = ti.f64(1.0) - y * (ti.f64(1 / 2) - y * (ti.f64(1 / 24) - y * ti.f64(1 / 720)))
     s = angle * (ti.f64(1.0) - y * (ti.f64(1 / 6) - y * (ti.f64(1 / 120) - y * ti.f64(1 / 5040))))
@@ -134,8 +131,9 @@ def turned(p: f64x3, u: f64x3, angle: ti.f64):
 
 @ti.func
 def along(p: f64x3, u: f64x3, angle: ti.f64):
-    """Return (place, tangent) after a way of any angle [rad], as `turned` does: nobody may have
-    looked for days.
+    """Return (place, tangent) after an arc of any length [rad], as `turned` does.
+
+    Long arcs occur when there was no sweep for days.
     """
     q, v = turned(p, u, angle)
     if angle > 2 * FAR:
@@ -152,7 +150,7 @@ def anchor_and_tangent(cloud: ti.template(), i: ti.i32):
 
 @ti.func
 def anchor(cloud: ti.template(), i: ti.i32, p: f64x3, u: f64x3, time: ti.f64):
-    """Anchor a particle again, at a place [unit vector] on a way [unit tangent], since a time [s]."""
+    """Move the anchor of a particle to a place with a unit tangent, at a time [s]."""
     for d in ti.static(range(3)):
         cloud.own_real[i, Own.PLACE + d] = p[d]
         cloud.own_real[i, Own.WAY + d] = u[d]
@@ -161,7 +159,7 @@ def anchor(cloud: ti.template(), i: ti.i32, p: f64x3, u: f64x3, time: ti.f64):
 
 @ti.func
 def copied(cloud: ti.template(), i: ti.i32, to: ti.i32):
-    """Write particle i over another."""
+    """Copy particle i over particle `to`."""
     p, u = anchor_and_tangent(cloud, i)
     anchor(cloud, to, p, u, cloud.own_real[i, Own.SINCE])
     cloud.own_real[to, Own.RATE], cloud.own_real[to, Own.DUE], cloud.own_real[to, Own.WEIGHT] = (
@@ -190,8 +188,9 @@ def headed(north: f64x3, east: f64x3, course: ti.f64) -> f64x3:
 
 @ti.func
 def tracker_at(legs: ti.template(), first: ti.i32, last: ti.i32, time: ti.f64):
-    """Return (place, tangent, rate) of a tracker at a time [s]; before its way and after it, it
-    stays.
+    """Return (place, tangent, rate) of a tracker at a time [s].
+
+    Before and after its track it is stationary.
     """
     leg = first
     while leg + 1 < last and legs.leg_real[leg + 1, Leg.TIME] <= time:
@@ -217,7 +216,7 @@ def act(
     seed0: ti.u32,
     seed1: ti.u32,
 ):
-    """Have a particle act at its own time: keep its course, take another, seek or hide."""
+    """Let a particle act at its due time: keep its course, take another, seek or hide."""
     time = cloud.own_real[i, Own.DUE]
     p0, u0 = anchor_and_tangent(cloud, i)
     p, u = along(p0, u0, cloud.own_real[i, Own.RATE] * (time - cloud.own_real[i, Own.SINCE]))
@@ -253,8 +252,8 @@ def act(
                 + (2.0 * unit(drawn[1]) - 1.0) * rules.rule_real[law, Rule.SPREAD]
             )
         else:
-            # What is across the line of sight must be the same for both: then the bearing stays and
-            # they meet.
+            # With equal velocities across the line of sight, the bearing stays constant and they
+            # meet.
             right = p.cross(s).normalized(ti.f64(1e-15)) * ti.f64(-1.0)
             lead = rate * v.dot(right) / ti.max(cloud.own_real[i, Own.RATE], ti.f64(1e-12))
             recedes = rate * v.dot((s * p.dot(s) - p).normalized(ti.f64(1e-15)))
@@ -284,7 +283,7 @@ def binary(p: f64x3):
 
 @ti.func
 def on_sphere(lon: ti.i32, lat: ti.i32) -> f64x3:
-    """Return the unit vector of a place [binary angle]."""
+    """Return the unit vector of a position [binary angle]."""
     x, y = ti.cast(lon, ti.f64) * ti.f64(UNIT), ti.cast(lat, ti.f64) * ti.f64(UNIT)
     lon_sine, lon_cosine = doubles.sincos(x)
     lat_sine, lat_cosine = doubles.sincos(y)
@@ -302,11 +301,10 @@ def keep_off(
     seed1: ti.u32,
     coast: ti.template(),
 ):
-    """Hold a particle's way against the shore until a time [s]: where it meets it, it takes any
-    other course, at its speed.
+    """Check a particle's path against the shore until a time [s]; at the shore it turns.
 
-    It is looked ahead in pieces that do not depend on `until`, so that no sweep more or less
-    changes where it turns.
+    There it takes a random course, at its speed. The look-ahead proceeds in pieces that do not
+    depend on `until`, so that additional sweeps do not change where it turns.
     """
     turns, going, back = 0, 1, f64x3(0.0, 0.0, 0.0)
     while going == 1 and cloud.own_real[i, Own.FREE] < until:
@@ -315,7 +313,7 @@ def keep_off(
         p, _u = along(p0, u0, rate * (time - cloud.own_real[i, Own.SINCE]))
         lon, lat = binary(p)
         far = ti.cast(clearance(lon, lat, coast), ti.f64) * ti.f64(UNIT)
-        # the least cosine of a latitude that far off
+        # times the least cosine of latitude within that distance
         far *= ti.sqrt(p[0] * p[0] + p[1] * p[1]) - far
         if far > ti.f64(ALONG):
             cloud.own_real[i, Own.FREE] = time + far / ti.max(fastest, rate)
@@ -351,7 +349,7 @@ def keep_off(
                 if turns > TURNS:
                     onward = back
                 if turns > TURNS + 1 or onward.norm() < 0.5:
-                    # hemmed in: it stays there until it acts
+                    # enclosed by land: it stays there until it acts
                     onward, cloud.own_real[i, Own.RATE] = north, 0.0
                 anchor(cloud, i, stop, onward, met)
                 cloud.own_real[i, Own.FREE] = met
@@ -359,7 +357,7 @@ def keep_off(
 
 @ti.func
 def clock(rules: ti.template(), law: ti.i32, time: ti.f64, word: ti.u32) -> ti.f64:
-    """Return when a particle that is new at a time acts first [s]."""
+    """Return when [s] a particle that is new at a time acts first."""
     due = ti.f64(NEVER)
     if rules.rule_real[law, Rule.SOONEST] < NEVER:
         due = (

@@ -1,12 +1,12 @@
-"""Which of a cloud's areas hold a place."""
+"""Rank of a target's position among the containment areas of a cloud."""
 
 import taichi as ti
 
 from kernels.maths import doubles
 from kernels.tracking.follower import Own, anchor_and_tangent, f64x3, turned, vector
 
-SAME = 1e-9  # [rad] within which particles are at one place: 6 mm
-PICKS = 101  # particles among which the target is ranked by density
+SAME = 1e-9  # [rad] particles within this distance are at the same place: 6 mm
+PICKS = 101  # number of particles among which the target is ranked by density
 
 
 @ti.func
@@ -19,12 +19,11 @@ def level(
     total: ti.f64,
     target: f64x3,
 ):
-    """Return the share of a cloud that lies where it is denser than at a place: which of its areas
-    hold that.
+    """Return the share of a cloud in denser places than the target: the areas that contain it.
 
-    Densities are Epanechnikov's about every particle but the one that asks, with his own share of
-    the spread (Silverman 1986, Density estimation, table 4.1): of 101 particles and the target none
-    knows which it is.
+    Densities are Epanechnikov kernel estimates from all particles but the one at the place, with
+    its own share of the spread (Silverman 1986, Density estimation, table 4.1). 101 particles and
+    the target are treated alike.
     """
     squared = ti.f64(0.0)
     for j in range(count):
@@ -39,8 +38,8 @@ def level(
         apart, w = p - mean, cloud.own_real[base + j, Own.WEIGHT]
         squared += w * apart.dot(apart)
     picks = ti.min(count, PICKS)
-    # Duplicates that have not parted tell no more than one of them: each pick's weight is that of
-    # all that are where it is.
+    # Duplicates that have not diverged count once: each pick's weight is that of all particles at
+    # its place.
     picked, together = ti.f64(0.0), ti.f64(0.0)
     for pick in range(picks):
         i = base + pick * count // picks
@@ -74,8 +73,9 @@ def at_one(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3) -> t
 def density(
     cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3, without: ti.i32, reach: ti.f64
 ) -> ti.f64:
-    """Return a cloud's density at a place, but for a factor, by all particles but one; reach:
-    squared [rad2].
+    """Return a cloud's density at a place, up to a factor, without one particle.
+
+    reach: squared kernel radius [rad2].
     """
     found = ti.f64(0.0)
     for j in range(count):
