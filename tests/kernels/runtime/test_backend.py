@@ -241,5 +241,5 @@ def test_the_threshold_of_auto_is_that_of_the_docs() -> None:
     up.
     """
     page = (ROOT / "docs" / "backends.md").read_text(encoding="utf-8")
-    assert f"below {devices.WORTH:,} particles" in page
+    assert f"fewer than {devices.WORTH:,} particles" in page
     assert 1e-3 / 12e-9 <= devices.WORTH < 2 * 1e-3 / 12e-9
