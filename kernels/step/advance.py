@@ -253,8 +253,6 @@ def _drifter(
     line = f32x4(0.0)
     if ti.static(features & LINES):
         left = held.side[0, j] < 0
-        if ti.static(features & PARAMETERS):  # parameters are the same on both sides
-            left = False
         across = (
             ti.select(left, held.line[4, j], held.line[2, j]),
             ti.select(left, held.line[5, j], held.line[3, j]),

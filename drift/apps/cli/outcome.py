@@ -43,7 +43,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     for name, key in (("mean position", "mean"), (f"datum (mean of those {afloat})", "datum")):
         if end[key]:
             facts[name] = end[key]["text"]
-    facts |= {f"{share} area": errors for share, errors in _areas(end).items()} | _opening(numbers)
+    facts |= {f"{share} area": size for share, size in _areas(end).items()} | _opening(numbers)
     for status, share in numbers["account"].items():
         if share > 0:
             facts[status.replace("_", " ")] = notation.percent(share)
@@ -86,7 +86,7 @@ def _opening(numbers: dict[str, Any]) -> Facts:
     if opened is numbers["outputs"][-1]:
         return {}
     areas = ", ".join(f"{share} {area}" for share, area in _areas(opened).items())
-    return {"map.png, report.html": f"open opened {opened['date_time_group']}, areas then: {areas}"}
+    return {"map.png, report.html": f"open at {opened['date_time_group']}, areas then: {areas}"}
 
 
 def summary_of_outcome(last: dict[str, Any]) -> dict[str, Any]:

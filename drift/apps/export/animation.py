@@ -49,8 +49,8 @@ def _as_in_a_run(run: Finished) -> xr.Dataset:
     data, path = run.cells(), run.folder / "forecast.nc"
     left_out = [*CELLS, "probability_by_scenario"]
     cells = {"probability_ashore": ("time", "lat", "lon")}
-    ashore = checked.dataset(path, left_out, cells).sel(time=data["time"].values)
-    data = data.assign(probability_ashore=ashore["probability_ashore"].variable)
+    ashore = checked.dataset(path, left_out, cells)["probability_ashore"]
+    data = data.assign(probability_ashore=ashore)  # xarray takes the outputs that data has
     names = {"status_index": "status", "scenario_index": "scenario"}
     return data.swap_dims({index: name for index, name in names.items() if index in data.dims})
 

@@ -26,7 +26,8 @@ from kernels.step import advance as kernel
 from kernels.step import own_velocity
 from kernels.step import prior as draws
 
-# columns that hold the parameters, in their order
+# Columns that hold the parameters, in their order: a user's model does not jibe, so its particles
+# stay on the right side.
 COLUMNS = ("down_slope", "down_offset", "right_slope", "right_offset")
 SPARE = "left_offset"  # leeway column that this model does not read
 CURRENTS = (0.0, 1.0, 2.5)  # [m/s] currents in which a function's highest speed is evaluated

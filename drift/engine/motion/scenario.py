@@ -79,7 +79,7 @@ class PositionPrior:
     def extent(self, spreads: float) -> tuple[Array, Array, float]:
         """Return places (lon, lat) [rad], unwrapped, and how far from them [m] the prior reaches.
 
-        spreads: number of standard deviations that count.
+        spreads: number of standard deviations to allow for.
         """
         far = self.displacement.distance[1] if self.displacement else 0.0
         return np.array([self.lon]), np.array([self.lat]), spreads * self.major + far

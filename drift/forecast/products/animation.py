@@ -48,7 +48,7 @@ def animate(
     """Return an animated GIF with a frame for each output.
 
     Args:
-        forecast: its outputs are shown in ascending order of time.
+        forecast: outputs in ascending order of time.
         setting: land, marks and the words on every picture.
         legs: of sorties, which are shown from the time that stands with them; each (n, 2) [deg].
     """
@@ -84,15 +84,14 @@ def _flown(legs: Sequence[tuple[np.datetime64, Array]], now: np.datetime64) -> O
 
 def _frames(forecast: Forecast, setting: Setting, flown: AtTime) -> Iterator[Image.Image]:
     times = list(forecast.data["time"].values)
-    order = np.argsort(times, kind="stable").tolist()
     aspect = MAP[2] * SHEET.width / (MAP[3] * SHEET.height)
     frame = layers.extent(forecast, times, setting.marks, (), aspect)
     land = chart.land_path(frame, setting.polygons(frame.box()), 800)
-    sure = [i for i in order if not effective.effective_at(forecast.data, i).few]
-    top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or order)
+    sure = [i for i in range(len(times)) if not effective.effective_at(forecast.data, i).few]
+    top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or range(len(times)))
     corner = chart.free_corner(frame, *layers.label_obstacles(frame, forecast, times))
     waiting = forecast_words.waiting(forecast.data)
-    for i in order:
+    for i in range(len(times)):
         at = forecast.data.isel(time=i)
         on = sheet.begin_page(SHEET)
         ax = on.figure.add_axes(MAP)

@@ -1,6 +1,6 @@
 """Output files of a plan of towed arrays: text, [[sortie]] tables, numbers and a map."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,7 +23,6 @@ class PlacementOutputs:
     forecast: Forecast  # given that the planned watches hear nothing
     updates: Updates | None
     setting: Setting
-    taken: Sequence[str]  # names of the case's own sorties
 
 
 def _picture(matter: PlacementOutputs, path: Path) -> None:
@@ -42,7 +41,7 @@ FILES: dict[str, Callable[[PlacementOutputs, Stamped], Contents]] = {
     "arrays.txt": lambda matter, stamped: placement_text.placement_as_text(
         matter.plan, matter.setting.imprint.title, stamped["run_id"]
     ),
-    "arrays.toml": lambda matter, stamped: placement_text.toml(matter.plan, matter.taken),
+    "arrays.toml": lambda matter, stamped: placement_text.toml(matter.plan),
     "arrays.json": lambda matter, stamped: {
         "run_id": stamped["run_id"],
         **placement_text.summary_of_placement(matter.plan),

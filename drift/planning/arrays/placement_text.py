@@ -3,7 +3,6 @@
 import json
 import math
 import textwrap
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -100,7 +99,7 @@ def _course(lon: float, lat: float, to_lon: float, to_lat: float) -> float:
     return math.degrees(math.atan2(float(east), float(north))) % 360
 
 
-def toml(plan: Any, taken: Sequence[str]) -> str:
+def toml(plan: Any) -> str:
     """Return the planned watches as [[sortie]] tables for the case file."""
     parts = [
         "# The watches of the plan. Append them to the case after they were kept and heard nothing."

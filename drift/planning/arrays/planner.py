@@ -105,8 +105,7 @@ def towed(job: Job) -> tuple[ArrayPlan, Case, Result]:
 def matter(job: Job, plan: ArrayPlan, executed: Case, result: Result) -> chapter.PlacementOutputs:
     """Return what the output files of a plan are made from."""
     setting = run_metadata.with_coast(run_metadata.map_setting(executed, job.where))
-    taken = [sortie.name for sortie in job.case.sorties]
-    return chapter.PlacementOutputs(plan, result.forecast, result.updates, setting, taken)
+    return chapter.PlacementOutputs(plan, result.forecast, result.updates, setting)
 
 
 def ahead(plan: ArrayPlan) -> Planned:

@@ -284,7 +284,7 @@ class Itinerary:
         """Return places (lon, lat) [rad], unwrapped, of each phase, and how far [m] from them it
         may lead.
 
-        spreads: number of standard deviations that count. Great circles between way points are
+        spreads: number of standard deviations to allow for. Great circles between way points are
         sampled, because they bulge.
         """
         found = []
@@ -367,7 +367,7 @@ def radius(place: Place, spreads: float) -> float:
 def latest(time: Spread | Moment | None, spreads: float) -> float:
     """Return the latest time [s] of a distribution.
 
-    spreads: number of standard deviations that count; below 0 for the earliest time.
+    spreads: number of standard deviations to allow for; below 0 for the earliest time.
     """
     match time:
         case Spread():
