@@ -362,9 +362,7 @@ def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path
 def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
     forecast = searches.search()[0]
     plan = replace(searches.plan(), made_on=Count(2500.0, 20_000), scored_on=Count(6.25, 100_000))
-    told = (
-        "only 6 of 100,000 particles are effective of those that it was scored on: its POS is rough"
-    )
+    told = "only 6 of 100,000 particles are effective in scoring: its POS is rough"
     assert plan_text.rough(plan) == [told]
     assert f"WARNING: {told}" in " ".join(plan_text.plan_text(plan, "T", "run").split())
     made = plan_files.plan_as_json(plan)

@@ -77,10 +77,14 @@ def wrong_in(folder: Path) -> dict[str, list[str]]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_texts_of_a_run_are_whole(
-    name: str, looked_at: Path, tmp_path: Path, request: pytest.FixtureRequest
+    name: str,
+    looked_at: Path,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if "DRIFT_DATA" in (ROOT / "cases" / f"{name}.toml").read_text():
-        request.getfixturevalue("data")
+        monkeypatch.setenv("DRIFT_DATA", str(request.getfixturevalue("data")))
     spilled = bool(case_file.load(name).spill)
     fewer = [f"{key}={value}" for key, value in FEW.items() if key.startswith("spill") == spilled]
     words = [word for change in fewer for word in ("--set", change)]

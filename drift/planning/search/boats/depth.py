@@ -93,7 +93,7 @@ def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
 
 
 def _sign(variable: Any, source: Depth) -> str:
-    """Return whether a variable counts up or down from the sea surface."""
+    """Return whether a variable is positive up or down from the sea surface."""
     words = (
         " ".join(str(variable.attrs.get(key, "")) for key in ("standard_name", "long_name"))
         + f" {variable.name}"
@@ -104,7 +104,7 @@ def _sign(variable: Any, source: Depth) -> str:
     up, down = (any(word in words.lower() for word in kind) for kind in (UP, DOWN))
     if up == down:
         raise UserError(
-            f'[depth]: "{source.file}": cannot tell whether {variable.name} counts up (elevation) or down (depth); '
+            f'[depth]: "{source.file}": {variable.name} does not say whether it is positive up (elevation) or down (depth); '
             'give positive = "up" or "down"'
         )
     return "up" if up else "down"
