@@ -94,7 +94,7 @@ def observe(meter: Meter) -> None:
     meter.part(simulate, "_moment", lambda e, *_: f"an output, {e.n:,}")
     meter.part(SortieExposure, "expose", lambda _, e, *__, **___: f"a sortie over a step, {e.n:,}")
     meter.part(
-        SearchFilter, "take_effect", lambda own, *_: f"the end of a sortie, {own.ensemble.n:,}"
+        SearchFilter, "apply_evidence", lambda own, *_: f"the end of a sortie, {own.ensemble.n:,}"
     )
 
 

@@ -60,11 +60,8 @@ class Filter(Protocol):
         called.
         """
 
-    def before(self, elapsed: int, duration: int) -> bool:
+    def before(self, step: kernel.Step) -> bool:
         """Prepare for a step whose forcing is set; return whether the step's begin must be kept."""
-
-    def ready(self, step: kernel.Step) -> None:
-        """Prepare for a step that is about to be computed."""
 
     def moved(self, begin: Begin | None) -> None:
         """Record where the particles began the last step, and move the filter's own ensembles over
@@ -83,14 +80,8 @@ class Filter(Protocol):
     def after(self, until: int) -> None:
         """Resample particles at the end of a step if necessary."""
 
-    def log_weight(self, time: int) -> Array:
-        """Return the log weights at a time."""
-
-    def ancestors(self) -> Array | None:
-        """Return each particle's ancestor since the last call; None if none was resampled."""
-
-    def lineage(self) -> Array | None:
-        """Return the initial particle from which each particle descends; None: each from itself."""
+    def weights(self, time: int) -> tuple[Array, Array | None, Array | None]:
+        """Return `log_weight`, `ancestors` and `lineage` of `Moment` at a time."""
 
 
 @dataclass
@@ -178,8 +169,7 @@ def run(
         inside = any(t < end for t in shown | stops)
         if watching:
             scene.forcing.set(low, high)
-            inside |= watching.before(step.elapsed, step.duration)
-            watching.ready(step)
+            inside |= watching.before(step)
         begin = scene.advance(ensemble, low, high, step, keep=inside, count=count)
         within = _Within(ensemble, clock, last.step, begin)
         if watching:
@@ -253,7 +243,5 @@ def _moment(
     status = life.read_lives(ensemble).at(time)
     if search is None:
         return Moment(time, *look(), status, ensemble.layout)
-    weight = search.log_weight(time)
-    return Moment(
-        time, *look(), status, ensemble.layout, weight, search.ancestors(), search.lineage()
-    )
+    weights = search.weights(time)
+    return Moment(time, *look(), status, ensemble.layout, *weights)

@@ -80,6 +80,8 @@ class SortieExposure:
         start: int,
         seas: Sequence[tuple[int, ...]],
         members: Sequence[int] | None = None,
+        *,
+        steers: bool = False,
     ) -> None:
         """Set up a sortie.
 
@@ -89,8 +91,9 @@ class SortieExposure:
             seas: groups of scenarios with the same current; together they are all scenarios of the
                 run.
             members: number of members of each group's current, by default one.
+            steers: whether any particle steers.
         """
-        self.sortie = sortie
+        self.sortie, self._steers = sortie, steers
         self.begin, self.end = (
             notation.epoch(sortie.start) - start,
             notation.epoch(sortie.end) - start,
@@ -195,14 +198,14 @@ class SortieExposure:
             keep: whether to update its own columns. Otherwise they stay unchanged, so that an
                 output does not cut the legs there.
         """
-        self.ready(ensemble, helm is not None)
-        assert self.exposed is not None
+        exposed = self.ready(ensemble.n)
         first, last = max(self._exposed_until, step.elapsed, self.begin), min(until, self.end)
         if first >= last:
-            return self.exposed
-        exposed = self.exposed if keep else self.exposed.copy()
+            return exposed
         if keep:
             self._exposed_until = last
+        else:
+            exposed = exposed.copy()
         member = (
             dealt.member_of_particles(ensemble)
             if any(way.member is not None for way in self._paths_by_current)
@@ -269,21 +272,21 @@ class SortieExposure:
                     ).reshape(-1)
                 yield sweep.INSIDE, track, (ring, np.array([1 / (self.end - self.begin)]))
 
-    def ready(self, ensemble: Ensemble, steers: bool) -> Exposed:
-        """Return its exposure; create empty columns on the first call.
+    @property
+    def columns(self) -> dict[str, Device]:
+        """The columns of its exposure by name; none before it begins and after its end."""
+        return {} if self.exposed is None else self.exposed.columns
 
-        Args:
-            ensemble: the particles.
-            steers: whether any of them steer.
-        """
+    def ready(self, n: int) -> Exposed:
+        """Return its exposure of n particles; create empty columns on the first call."""
         if self.exposed is None:
             several = len(self.factors) if self._kind == sweep.ABEAM else 1
             apart = self._kind in (sweep.CUBE, sweep.ABEAM) and self._place is not None
             self.exposed = Exposed(
-                runtime.empty(ensemble.n * several),
-                runtime.empty(ensemble.n) if apart else None,
-                runtime.empty(ensemble.n) if steers and self._kind != sweep.ABEAM else None,
-                runtime.empty(ensemble.n) if steers else None,
+                runtime.empty(n * several),
+                runtime.empty(n) if apart else None,
+                runtime.empty(n) if self._steers and self._kind != sweep.ABEAM else None,
+                runtime.empty(n) if self._steers else None,
             )
         return self.exposed
 

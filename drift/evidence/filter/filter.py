@@ -10,7 +10,7 @@ over the whole ensemble go through `Meeting` (drift.evidence.filter.meeting), a 
 shards; the summary of each update is built in drift.evidence.filter.account.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -24,13 +24,13 @@ from drift.engine.particles import ensemble as record
 from drift.engine.particles import life, weights
 from drift.engine.particles.columns import Columns
 from drift.engine.particles.ensemble import Ensemble
-from drift.engine.particles.status import STRANDED, Status, on_map
+from drift.engine.particles.status import STRANDED, Status
 from drift.evidence.filter import contacts as contact_laws
 from drift.evidence.filter import crossings, filling, overdue
 from drift.evidence.filter.account import Account, Event, UpdateCallback
 from drift.evidence.filter.crossings import Watched
 from drift.evidence.filter.debris import debris
-from drift.evidence.filter.detection import heard, looks, sight
+from drift.evidence.filter.detection import heard, sight
 from drift.evidence.filter.detection.heard import Sent
 from drift.evidence.filter.detection.listening import Listening
 from drift.evidence.filter.detection.sight import Targets
@@ -42,7 +42,6 @@ from drift.evidence.filter.observers import Observers
 from drift.evidence.filter.records import (
     NO_SENSORS,
     Contact,
-    Heard,
     Kind,
     Look,
     Resampling,
@@ -50,31 +49,16 @@ from drift.evidence.filter.records import (
     Sortie,
     Tone,
 )
+from drift.evidence.filter.state import History, ReportGroup
 from drift.evidence.filter.updates import Updates
 from drift.evidence.sensors import unknown
-from geo import sphere
+from drift.evidence.sensors.records import Sensor
+from geo import notation, sphere
 from geo.array import Array
 from kernels.runtime import runtime
 from kernels.step.advance import Step
 
-Device = Any
 Flown = SortieExposure | Listening
-
-
-class HostColumn:
-    """A host column with the interface of a device column, for values that no kernel reads."""
-
-    def __init__(self, values: Array) -> None:
-        """Store values (n,)."""
-        self.values = values
-
-    def to_numpy(self) -> Array:
-        """Return the values (n,)."""
-        return self.values
-
-    def from_numpy(self, values: Array) -> None:
-        """Replace the values by others (n,)."""
-        self.values = values
 
 
 class SearchFilter:
@@ -114,40 +98,28 @@ class SearchFilter:
             resumed: whether the columns of the particles are loaded later, by a call of `resume`.
         """
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
-        self._start = spec.period.epoch
+        elapsed = spec.period.elapsed
         self._all = create_exposures(spec, sorties, scene)
         self._waiting = list(self._all)
-        # values that stand for each unknown
-        self._factors = {flown.key: len(flown.factors) for flown in self._all}
-        self._contacts = [
-            (spec.period.elapsed(contact.time), number, contact)
-            for number, contact in enumerate(contacts)
+        # contacts come first, so that the number of a contact is that in the case
+        reports: list[Contact | Look] = [*contacts, *sensors.looks]
+        self._reports = [
+            (elapsed(report.time), number, report) for number, report in enumerate(reports)
         ]
-        self._shared: dict[tuple[str, float], Device] = {}
+        self._groups = _groups_of(self._all, self._reports)
+        tones = [contact.heard.tone for contact in contacts if contact.heard]
+        # the first contact of each group states what is known before
+        self._tones = {tone.group: tone for tone in reversed(tones) if tone and tone.group}
         self._step: Step | None = None
         self._begin: Begin | None = None  # where the particles began the present step
-        self._looks = [(spec.period.elapsed(look.time), look) for look in sensors.looks]
-        self._factors |= self._nodes_of_sensor_groups()
         self._observers = Observers(spec, sensors, ensemble, scene)
-        heard = [*known, *sensors.times, *(contact.time for contact in contacts)]
-        heard += [time for sortie in sorties for time in (sortie.start, sortie.end)]
-        self._begins = overdue.overdue_deadlines(spec)
-        self._overdue = overdue.overdue_update_times(
-            spec, [spec.period.elapsed(time) for time in heard]
-        )
-        self._debris = debris.of_contacts(
-            spec,
-            [(time, seen) for time, _, seen in self._contacts],
-            scene,
-            ensemble,
-            resumed=resumed,
-        )
+        reported = [*known, *sensors.times, *(contact.time for contact in contacts)]
+        reported += [time for sortie in sorties for time in (sortie.start, sortie.end)]
+        self._overdue = overdue.overdue_times(spec, [elapsed(time) for time in reported])
+        seen = [(elapsed(contact.time), contact) for contact in contacts]
+        self._debris = debris.of_contacts(spec, seen, scene, ensemble, resumed=resumed)
         first = self.ensemble.log_weight.to_numpy()
-        # Host columns: "unsearched", log weights (n,) by all positive evidence, as if no sortie had
-        # been flown; "never", product over sorties of the share of time that a particle was not
-        # searched; "lineage", the initial particle from which each descends; "ancestors", the same
-        # for the particles of the last output. Without a column, each particle is its own ancestor.
-        self._host_columns = {"unsearched": HostColumn(first.astype(np.float64))}
+        self._history = History(first.astype(np.float64))
         self._updated = False  # whether anything took effect in the present step
         # bool (n,): particles that the last contact rules out
         self._ruled_out = np.zeros(0, bool)
@@ -158,14 +130,14 @@ class SearchFilter:
             self._account = Account(spec, noted)
             self._account.begin(Columns.held(ensemble.blocks, {"log_weight": first}))
             meeting = LocalReduction(
-                self._account, ResamplingRule(spec.seed, resampling, occupied_slots(ensemble))
+                self._account, ResamplingRule(spec.seed, resampling, _occupied_slots(ensemble))
             )
         self._meeting = meeting
 
     @property
     def updates(self) -> Updates:
         """All updates so far, with the sorties as they were flown."""
-        flown = [partial(sortie.as_flown, start=self._start) for sortie in self._all]
+        flown = [partial(sortie.as_flown, start=self._spec.period.epoch) for sortie in self._all]
         crossed, lines = None, self.watched
         if lines:
             columns = {
@@ -182,9 +154,7 @@ class SearchFilter:
     @property
     def unsearched(self) -> Columns:
         """Log weights by all positive evidence, as if no sortie had been flown, float64."""
-        return Columns.held(
-            self.ensemble.blocks, {"unsearched": self._host_columns["unsearched"].values}
-        )
+        return Columns.held(self.ensemble.blocks, {"unsearched": self._history.unsearched})
 
     @property
     def watched(self) -> list[Watched]:
@@ -197,51 +167,39 @@ class SearchFilter:
         return [marker for flown in self._all for marker in flown.markers]
 
     @property
-    def columns(self) -> dict[str, Device]:
-        """All columns of the particles, by the names that `column` accepts.
+    def _parts(self) -> dict[str, Any]:
+        """Everything with device columns of the particles, by name.
 
         A column with several values per particle stores one block of n after another.
         """
-        found = {f"particle {name}": column for name, column in self.ensemble.columns.items()}
-        for number, beside in enumerate(self._debris.values()):
-            found |= {
-                f"debris {number} {name}": column
-                for name, column in beside.ensemble.columns.items()
-            }
-        for number, flown in enumerate(self._all):
-            if flown.exposed is not None:
-                found |= {
-                    f"sortie {number} {name}": column
-                    for name, column in flown.exposed.columns.items()
-                }
-        for key, column in self._shared.items():
-            found[f"shared {self._groups.index(key)}"] = column
-        return found | self._observers.columns | self._host_columns
+        parts: dict[str, Any] = {"particle": self.ensemble}
+        for name, every in (
+            ("debris", [beside.ensemble for beside in self._debris.values()]),
+            ("sortie", self._all),
+            ("sensor", self._observers.all),
+            ("group", self._groups.values()),
+        ):
+            parts |= {f"{name} {number}": part for number, part in enumerate(every)}
+        return parts
 
-    def column(self, name: str) -> Device:
-        """Return a column by its name; create it if it does not exist yet."""
-        kind, *which = name.split(" ")
-        if kind == "particle":
-            return self.ensemble.columns[which[0]]
-        if kind == "debris":
-            return list(self._debris.values())[int(which[0])].ensemble.columns[which[1]]
-        if kind == "sortie":
-            return (
-                self._all[int(which[0])]
-                .ready(self.ensemble, self._scene.steering is not None)
-                .columns[which[1]]
-            )
-        if kind == "shared":
-            key = self._groups[int(which[0])]
-            return self._shared.setdefault(key, runtime.empty(self.ensemble.n * self._factors[key]))
-        if kind == "sensor":
-            return self._observers.column(int(which[0]), int(which[1]))
-        return self._host_columns.setdefault(kind, HostColumn(np.empty(0)))
+    def state(self) -> Iterator[tuple[str, Array]]:
+        """Yield the columns of the particles, each with the name that `load` accepts."""
+        for part, own in self._parts.items():
+            for name, column in own.columns.items():
+                yield f"{part} {name}", column.to_numpy()
+        for name, values in self._history.columns.items():
+            yield f"history {name}", values
 
-    @property
-    def _groups(self) -> list[tuple[str, float]]:
-        """Keys of the groups of sorties and looks that share an unknown factor."""
-        return list(self._factors)
+    def load(self, name: str, values: Array) -> None:
+        """Replace a column of the particles by stored values."""
+        part, own = name.rsplit(" ", 1)
+        if part == "history":
+            setattr(self._history, own, values)
+            return
+        holder = self._parts[part]
+        if own not in holder.columns:
+            holder.ready(self.ensemble.n)
+        holder.columns[own].from_numpy(values)
 
     def resume(self, time: int) -> None:
         """Skip the sorties and sensors that ended by the start of a step [s after start]."""
@@ -253,10 +211,10 @@ class SearchFilter:
 
         step: the step between the two times.
         """
-        times = [flown.end for flown in self._waiting] + self._overdue
-        times += [time for time, _, _ in self._contacts] + [time for time, _ in self._looks]
+        times = [flown.end for flown in self._waiting] + [time for time, *_ in self._reports]
         return sorted(
-            {t for t in times if after < t <= until} | self._observers.stops(after, until, step)
+            {time for time in (*times, *self._overdue) if after < time <= until}
+            | self._observers.stops(after, until, step)
         )
 
     def rests(self, step: Step) -> bool:
@@ -267,26 +225,24 @@ class SearchFilter:
             or self.stops(max(step.elapsed, 0), end, step)
         )
 
-    def before(self, elapsed: int, duration: int) -> bool:
+    def before(self, step: Step) -> bool:
         """Move the datum markers over a step; return whether positions at its start are needed.
 
         The forcing must be set for the step.
         """
-        self._meeting.begin(elapsed, elapsed + duration)
-        for flown in self._begun_sorties(elapsed + duration):
-            flown.drift(self._scene.forcing, elapsed, duration)
-        return self._needs_start_positions(elapsed, elapsed + duration)
+        self._step, end = step, step.elapsed + step.duration
+        self._meeting.begin(step.elapsed, end)
+        for flown in self._begun_sorties(end):
+            flown.drift(self._scene.forcing, step.elapsed, step.duration)
+        self._observers.before(step)
+        return self._needs_start_positions(step.elapsed, end)
 
     def _needs_start_positions(self, elapsed: int, end: int) -> bool:
         """Return whether an update needs the particles' positions at the start of a step."""
         debris = any(beside.last > elapsed for beside in self._debris.values())
         moving = any(
-            elapsed < when <= end and heard.asks_velocity(contact)
-            for when, _, contact in self._contacts
-        )
-        moving |= any(
-            elapsed < when <= end and sight.level_depends_on_speed(look.sensor)
-            for when, look in self._looks
+            elapsed < when <= end and heard.asks_velocity(report)
+            for when, _, report in self._reports
         )
         return bool(self._begun_sorties(end)) or debris or moving or self._observers.looking(end)
 
@@ -298,11 +254,6 @@ class SearchFilter:
         for beside in self._debris.values():
             if beside.last > self._step.elapsed:
                 beside.advance(self.ensemble, begin, self._step)
-
-    def ready(self, step: Step) -> None:
-        """Prepare the observers for a step."""
-        self._step = step
-        self._observers.before(step)
 
     def _begun_sorties(self, until: int) -> list[Flown]:
         """Return the sorties that begin before a time and have not ended."""
@@ -323,42 +274,182 @@ class SearchFilter:
             time: of the updates [s after start].
             place: returns the positions of an ensemble's particles at that time.
         """
-        asked = any(when == time and contact.drifter is None for when, _, contact in self._contacts)
-        asked |= any(when == time for when, _ in self._looks)
-        if asked or self._observers.stops(time - 1, time, self._step):
+        reports = [(number, report) for when, number, report in self._reports if when == time]
+        own = any(isinstance(report, Look) or report.drifter is None for _, report in reports)
+        if own or self._observers.stops(time - 1, time, self._step):
             self._observers.cut(time, place)
         for flown in [f for f in self._waiting if f.end == time]:
             self._apply_sortie(flown)
             self._waiting.remove(flown)
-            flown.exposed = None
-            self._free_shared_misses(flown.key)
-        for when, number, contact in [c for c in self._contacts if c[0] == time]:
-            self._contacts.remove((when, number, contact))
-            self._apply_contact(contact, number, time, place)
-            if self._filling is not None and filling.bounds_position(contact):
-                self._repopulate(self._filling, contact, number, time)
-        for when, look in [c for c in self._looks if c[0] == time]:
-            self._looks.remove((when, look))
-            self._apply_look(look, time, place)
+        for number, report in reports:
+            if isinstance(report, Look):
+                self._apply_look(report, time, place)
+            else:
+                self._apply_contact(report, number, time, place)
         if time in self._overdue:
-            missing = overdue.log_likelihood(self._spec, time, self.ensemble)
-            newly_overdue = time in self._begins  # later only if that is news to any particle
             self._apply_likelihood(
-                overdue.overdue_update_name(self._spec, time),
+                f"overdue {notation.format_dtg(self._spec.period.time(time))}",
                 "overdue",
                 time,
-                missing,
+                overdue.log_likelihood(self._spec, time, self.ensemble),
                 positive=True,
-                certain=newly_overdue,
+                certain=self._overdue[time],
             )
         for seen in self._observers.over(time):
             likelihood = seen.likelihood(seen.ready(self.ensemble.n), over=True)
             assert likelihood is not None
             self._apply_likelihood(seen.what.name, seen.kind, time, likelihood, seen.positive)
+            seen.columns = {}
+        for group in self._groups.values():
+            if group.last <= time:
+                group.missed = None
+
+    def _apply_sortie(self, flown: Flown) -> None:
+        """Update the weights for a sortie that found nothing, and free its exposure."""
+        sortie, exposed = flown.sortie, self._exposure_until(flown, flown.end, keep=True)
+        before = self.ensemble.log_weight.to_numpy()
+        self._fail(flown, exposed, self._groups, self.ensemble.log_weight)
+        searched, history = flown.searched(), self._history
+        never = np.ones(self.ensemble.n, np.float32) if history.never is None else history.never
+        history.never = (never * (1 - searched)).astype(np.float32)
+        there = np.isin(life.read_lives(self.ensemble).at(flown.end), STRANDED)
+        columns = self._columns(
+            before,
+            self.ensemble.log_weight.to_numpy(),
+            {"searched": searched, "there": there},
+        )
+        middle = 0.5 * (flown.begin + flown.end)
+        self._take(Event(sortie.name, "sortie", sortie.end, columns, middle=middle))
+        flown.exposed = None
+
+    def _fail(
+        self,
+        flown: Flown,
+        exposed: Any,
+        groups: Mapping[tuple[str, float], ReportGroup],
+        log_weight: Any,
+    ) -> None:
+        """Multiply weights by the probability that a sortie has missed each particle, in place."""
+        group = groups[flown.key]
+        # with one value the kernel reads no group, so any column will do
+        shared = group.ready(self.ensemble.n) if len(group.chances) > 1 else log_weight
+        flown.fail(self.ensemble, exposed, shared, log_weight)
+
+    def _apply_look(self, look: Look, time: int, place: PositionsAt) -> None:
+        """Update the weights for a look, with or without a detection."""
+        places = place(self.ensemble, self._scene, None, time)
+        log_likelihoods = sight.log_likelihood(
+            look, self._targets(look, self.ensemble, places, time)
+        )
+        averaged = self._averaged(look.sensor, log_likelihoods, keep=True)
+        self._apply_likelihood(look.name, "look", time, averaged, look.positive)
+
+    def _apply_contact(self, contact: Contact, number: int, time: int, place: PositionsAt) -> None:
+        """Update the weights for a contact; repopulate particles if it leaves too few."""
+        ensemble, scene, begin = self.ensemble, self._scene, None
+        if contact.drifter is not None:
+            seen = self._debris[contact.drifter]
+            ensemble, scene, begin = seen.ensemble, seen.scene, seen.begin
+        places = place(ensemble, scene, begin, time)
+        targets = self._targets(contact, ensemble, places, time)
+        tone = contact.heard.tone if contact.heard else None
+        sent = self._source_frequency(tone) if tone and tone.group else None
+        sensor = contact.heard.sensor if contact.heard else None
+        log_likelihoods = heard.log_likelihood(contact, targets, sent)
+        averaged = self._averaged(sensor, log_likelihoods, keep=False)
+        log_likelihoods, unit = self._with_false_contacts(
+            contact, number, time, log_likelihoods, averaged
+        )
+        if sent is not None:
+            for column, values in zip(
+                sent, heard.update_source_frequency(contact, targets, sent), strict=True
+            ):
+                column[:] = values
+        averaged = self._averaged(sensor, log_likelihoods - unit, keep=True)
+        fills = self._filling is not None and filling.bounds_position(contact)
+        if fills:
+            self._ruled_out = averaged <= filling.FLOOR
+            averaged = np.maximum(averaged, filling.FLOOR)
+        self._apply_likelihood(contact.name, "contact", time, averaged, positive=True, unit=unit)
+        if self._filling is not None and fills:
+            self._repopulate(self._filling, contact, number, time)
+
+    def _targets(
+        self,
+        report: Contact | Look,
+        ensemble: Ensemble,
+        places: tuple[Array, Array],
+        time: int,
+    ) -> Targets:
+        """Return the particles of an ensemble at a time as the likelihood of a report needs them.
+
+        places: their lon, lat [binary angle].
+        """
+        east = north = np.zeros(ensemble.n)
+        if heard.asks_velocity(report):
+            assert self._begin is not None
+            assert self._step is not None
+            east, north = self._scene.velocity(self.ensemble, self._begin, self._step, time)
+        scenario, status = ensemble.scenario.to_numpy(), life.read_lives(ensemble).at(time)
+        return Targets(*places, scenario, east, north, status)
+
+    def _averaged(self, sensor: Sensor | None, log_likelihoods: Array, keep: bool) -> Array:
+        """Return the log likelihood (n,) of a report, averaged over the unknown of its sensor.
+
+        Args:
+            sensor: of the case; None: the report has no unknown.
+            log_likelihoods: by value of the unknown, (values, n).
+            keep: whether later reports of the group are to include this one.
+        """
+        if len(log_likelihoods) == 1 or sensor is None:
+            return np.asarray(log_likelihoods[0])
+        group = self._groups[unknown.key(sensor)]
+        return sight.average_over_unknown(
+            log_likelihoods, group.ready(self.ensemble.n), group.chances, keep
+        )
+
+    def _with_false_contacts(
+        self, contact: Contact, number: int, time: int, log_likelihoods: Array, averaged: Array
+    ) -> tuple[Array, float]:
+        """Return the log likelihoods of a contact that may be false, and the log of their unit.
+
+        Args:
+            contact: the contact.
+            number: of the contact in the case.
+            time: of the contact [s after start].
+            log_likelihoods: by value of the unknown if it is of the object, (values, n).
+            averaged: the same, averaged over the unknown, (n,).
+        """
+        unit = contact_laws.log_unit(contact)
+        if contact.false_density > 0:
+            return np.logaddexp(log_likelihoods, np.log(contact.false_density)), unit
+        if contact.belief == 1:
+            return log_likelihoods, unit
+        # The false-contact density is the mean likelihood given all evidence so far, including
+        # sorties under way.
+        current, blocks = self.log_weight(time), self.ensemble.blocks
+        unit = self._meeting.mean(
+            number,
+            weights.sum_weights(current, blocks),
+            weights.sum_weights(current + averaged, blocks),
+        )
+        if unit == -np.inf:
+            return np.zeros_like(log_likelihoods), 0.0
+        with np.errstate(divide="ignore"):
+            true, false = np.log(contact.belief), np.log1p(-contact.belief)
+        return np.logaddexp(true + log_likelihoods, false + unit), unit
+
+    def _source_frequency(self, tone: Tone) -> Sent:
+        """Return the estimate of each particle's source frequency, as columns that can be set."""
+        history, n = self._history, self.ensemble.n
+        if history.tones is None:
+            first = [heard.initial_source_frequency(own, n) for own in self._tones.values()]
+            history.tones = np.array(first).ravel()
+        return Sent(*history.tones.reshape(-1, 2, n)[list(self._tones).index(tone.group)])
 
     def _repopulate(self, how: BulkRepopulation, contact: Contact, number: int, time: int) -> None:
         """Repopulate the particles that a contact rules out, if too few survive."""
-        e, own = self.ensemble, self.ensemble.columns
+        e, own, history = self.ensemble, self.ensemble.columns, self._history
         lon, lat = (own[name].to_numpy() * sphere.UNIT for name in ("lon", "lat"))
         cloud = ParticleCloud(
             lon,
@@ -374,238 +465,22 @@ class SearchFilter:
             self._meeting.account.lost()
             return
         steer.place_targets(e, placed.slots, vars(placed), time)
-        before = e.log_weight.to_numpy()
         new = placed.log_weight.astype(np.float32)
+        self._reweight_unsearched(new)
+        history.unsearched[placed.slots] = new[placed.slots]  # they have not been searched
         e.log_weight.from_numpy(new)
-        # particles for which no water was found have no weight before or after
-        with np.errstate(invalid="ignore"):
-            unsearched = np.where(
-                new > -np.inf, self._host_columns["unsearched"].values + new - before, -np.inf
-            )
-        unsearched[placed.slots] = new[placed.slots]  # new positions have not been searched
-        self._host_columns["unsearched"].values = unsearched
         for name, values in (("never", 1), ("lineage", placed.slots)):  # they have no ancestor
-            if name in self._host_columns:
-                # an output may still refer to the old values
-                self._host_columns[name].values = self._host_columns[name].values.copy()
-                self._host_columns[name].values[placed.slots] = values
+            if name in history.columns:
+                column = history.columns[name].copy()
+                column[placed.slots] = values
+                setattr(history, name, column)
         self._meeting.account.filled(new, e.layout)
 
-    def _free_shared_misses(self, key: tuple[str, float]) -> None:
-        """Free the shared misses of a group that has no pending sortie, look or contact."""
-        if key not in self._nodes_of_pending_groups():
-            self._shared.pop(key, None)
-
-    def _nodes_of_pending_groups(self) -> dict[tuple[str, float], int]:
-        """Return the number of quadrature nodes for the unknown of each pending group."""
-        keys = {flown.key: len(flown.factors) for flown in self._waiting}
-        return keys | self._nodes_of_sensor_groups()
-
-    def _nodes_of_sensor_groups(self) -> dict[tuple[str, float], int]:
-        """Return the number of quadrature nodes for the unknown of each pending sensor group."""
-        sensors = [look.sensor for _, look in self._looks if look.sensor]
-        sensors += [contact.heard.sensor for _, _, contact in self._contacts if contact.heard]
-        return {unknown.key(sensor): len(unknown.values(sensor)[1]) for sensor in sensors}
-
-    def _apply_sortie(self, flown: Flown) -> None:
-        """Update the weights for a sortie that found nothing."""
-        sortie, exposed = flown.sortie, self._exposure_until(flown, flown.end, keep=True)
-        before = self.ensemble.log_weight.to_numpy()
-        flown.fail(
-            self.ensemble,
-            exposed,
-            self._shared_misses(flown, self._shared),
-            self.ensemble.log_weight,
-        )
-        searched = flown.searched()
-        never = self._host_columns.setdefault(
-            "never", HostColumn(np.ones(self.ensemble.n, np.float32))
-        )
-        never.values = (never.values * (1 - searched)).astype(np.float32)
-        there = np.isin(life.read_lives(self.ensemble).at(flown.end), STRANDED)
-        self._report_update(
-            sortie.name,
-            "sortie",
-            sortie.end,
-            before,
-            self.ensemble.log_weight.to_numpy(),
-            {"searched": searched, "there": there},
-            middle=0.5 * (flown.begin + flown.end),
-        )
-
-    def _apply_contact(self, contact: Contact, number: int, time: int, place: PositionsAt) -> None:
-        """Update the weights for a contact."""
-        ensemble, scene, begin = self.ensemble, self._scene, None
-        if contact.drifter is not None:
-            seen = self._debris[contact.drifter]
-            ensemble, scene, begin = seen.ensemble, seen.scene, seen.begin
-        lon, lat = place(ensemble, scene, begin, time)
-        status, unit = life.read_lives(ensemble).at(time), contact_laws.log_unit(contact)
-        if contact.heard is not None:
-            self._apply_sensor_contact(
-                contact,
-                contact.heard,
-                number,
-                time,
-                self._targets(lon, lat, status, contact, time),
-                unit,
-            )
-            return
-        likelihood = contact_laws.log_likelihood(contact, lon, lat)
-        if contact.moves:
-            likelihood = likelihood + contact_laws.log_motion(contact, *self._velocity(time))
-        likelihood = np.where(on_map(status), likelihood, -np.inf)
-        likelihood = self._with_floor(contact, likelihood, unit)
-        doubted, unit = self._with_false_contacts(
-            contact, number, time, likelihood, likelihood, unit
-        )
-        self._apply_likelihood(
-            contact.name, "contact", time, doubted - unit, positive=True, unit=unit
-        )
-
-    def _apply_sensor_contact(
-        self, contact: Contact, own: Heard, number: int, time: int, targets: Targets, unit: float
-    ) -> None:
-        """Update the weights for a contact by a sensor of the case.
-
-        unit: log of the density in whose units the likelihood is stated.
-        """
-        sent = self._source_frequency(own.tone) if own.tone and own.tone.group else None
-        log_likelihoods = heard.log_likelihood(contact, targets, sent)
-        if contact.moves:
-            log_likelihoods = log_likelihoods + contact_laws.log_motion(
-                contact, targets.east, targets.north
-            )
-        key, chances = unknown.key(own.sensor), unknown.values(own.sensor)[1]
-        many = len(chances)
-        if many > 1:
-            shared = self._shared.setdefault(key, runtime.empty(self.ensemble.n * many))
-            before = shared.to_numpy().reshape(log_likelihoods.shape).astype(np.float64)
-            likelihood = sight.average_over_unknown(log_likelihoods, before, chances)
-        else:
-            likelihood = log_likelihoods[0]
-        log_likelihoods, unit = self._with_false_contacts(
-            contact, number, time, log_likelihoods, likelihood, unit
-        )
-        if sent is not None and own.tone:
-            self._store_source_frequency(
-                own.tone, heard.update_source_frequency(contact, targets, sent)
-            )
-        log_likelihoods = log_likelihoods - unit
-        averaged = self._with_floor(
-            contact,
-            sight.add_shared_report(log_likelihoods, shared, chances)
-            if many > 1
-            else log_likelihoods[0],
-            0.0,
-        )
-        self._apply_likelihood(contact.name, "contact", time, averaged, positive=True, unit=unit)
-        self._free_shared_misses(key)
-
-    def _with_floor(self, contact: Contact, likelihood: Array, unit: float) -> Array:
-        """Return the log likelihoods of a contact (n,), with a floor if contacts repopulate.
-
-        unit: log of the density in whose units the floor is stated.
-        """
-        if self._filling is None or not filling.bounds_position(contact):
-            return likelihood
-        self._ruled_out = likelihood - unit <= filling.FLOOR
-        return np.maximum(likelihood, unit + filling.FLOOR)
-
-    def _with_false_contacts(
-        self,
-        contact: Contact,
-        number: int,
-        time: int,
-        log_likelihoods: Array,
-        likelihood: Array,
-        unit: float,
-    ) -> tuple[Array, float]:
-        """Return the log likelihoods of a contact that may be false, and the log of their unit.
-
-        said: log likelihoods if the contact is of the object. likelihood: the same, averaged over
-        the unknown of the sensor group, (n,).
-        """
-        if contact.false_density > 0:
-            return np.logaddexp(log_likelihoods, np.log(contact.false_density)), unit
-        if contact.belief == 1:
-            return log_likelihoods, unit
-        # The false-contact density is the mean likelihood given all evidence so far, including
-        # sorties under way.
-        current, blocks = self.log_weight(time), self.ensemble.blocks
-        both = (
-            weights.sum_weights(current, blocks),
-            weights.sum_weights(current + likelihood, blocks),
-        )
-        unit = self._meeting.mean(number, *both)
-        if unit == -np.inf:
-            return np.zeros_like(log_likelihoods), 0.0
-        with np.errstate(divide="ignore"):
-            return np.logaddexp(
-                np.log(contact.belief) + log_likelihoods, np.log1p(-contact.belief) + unit
-            ), unit
-
-    def _targets(
-        self, lon: Array, lat: Array, status: Array, contact: Contact, time: int
-    ) -> Targets:
-        """Return the particles in the form that a sensor of the case needs."""
-        still = np.zeros(lon.shape)
-        east, north = self._velocity(time) if heard.asks_velocity(contact) else (still, still)
-        return Targets(lon, lat, self.ensemble.scenario.to_numpy(), east, north, status)
-
-    def _velocity(self, time: int) -> tuple[Array, Array]:
-        """Return (east, north) [m/s] of the particles at a time inside the step just made."""
-        assert self._begin is not None
-        assert self._step is not None
-        return self._scene.velocity(self.ensemble, self._begin, self._step, time)
-
-    def _source_frequency(self, tone: Tone) -> Sent:
-        """Return the estimate of each particle's source frequency from the group's contacts."""
-        first = heard.initial_source_frequency(tone, self.ensemble.n)
-        columns = (
-            self._host_columns.setdefault(name, HostColumn(values))
-            for name, values in zip(_tone_names(tone), first, strict=True)
-        )
-        return Sent(*(column.values for column in columns))
-
-    def _store_source_frequency(self, tone: Tone, sent: Sent) -> None:
-        """Store the estimate of the source frequency after a contact."""
-        for name, values in zip(_tone_names(tone), sent, strict=True):
-            self._host_columns[name].values = values
-
-    def _apply_look(self, look: Look, time: int, place: PositionsAt) -> None:
-        """Update the weights for a look, with or without a detection."""
-        lon, lat = place(self.ensemble, self._scene, None, time)
-        status = life.read_lives(self.ensemble).at(time)
-        if look.sensor is None:
-            self._apply_likelihood(
-                look.name,
-                "look",
-                time,
-                looks.log_likelihood(look, lon, lat, on_map(status)),
-                look.positive,
-            )
-            return
-        still = np.zeros(lon.shape)
-        east, north = (
-            self._velocity(time) if sight.level_depends_on_speed(look.sensor) else (still, still)
-        )
-        source = Targets(lon, lat, self.ensemble.scenario.to_numpy(), east, north, status)
-        log_likelihoods = sight.log_likelihood(look, source)
-        chances = unknown.values(look.sensor)[1]
-        if len(chances) == 1:
-            self._apply_likelihood(look.name, "look", time, log_likelihoods[0], look.positive)
-            return
-        key = unknown.key(look.sensor)
-        shared = self._shared.setdefault(key, runtime.empty(self.ensemble.n * len(chances)))
-        self._apply_likelihood(
-            look.name,
-            "look",
-            time,
-            sight.add_shared_report(log_likelihoods, shared, chances),
-            look.positive,
-        )
-        self._free_shared_misses(key)
+    def _reweight_unsearched(self, new: Array) -> None:
+        """Change the weights as if unsearched by as much as new log weights (n,) change the own."""
+        with np.errstate(invalid="ignore"):  # -inf before and after: empty slots, or no water found
+            own = self._history.unsearched - self.ensemble.log_weight.to_numpy() + new
+        self._history.unsearched = np.where(new > -np.inf, own, -np.inf)
 
     def _apply_likelihood(
         self,
@@ -624,38 +499,23 @@ class SearchFilter:
         weight to zero.
         """
         if positive:
-            self._host_columns["unsearched"].values = (
-                self._host_columns["unsearched"].values + likelihood
-            )
+            self._history.unsearched = self._history.unsearched + likelihood
         before = self.ensemble.log_weight.to_numpy()
         after = before + likelihood
         self.ensemble.log_weight.from_numpy(after.astype(np.float32))
-        self._report_update(
-            name, kind, self._spec.period.time(time), before, after, {}, unit=unit, certain=certain
-        )
+        columns, when = self._columns(before, after, {}), self._spec.period.time(time)
+        self._take(Event(name, kind, when, columns, unit, certain=certain))
 
-    def _report_update(
-        self,
-        name: str,
-        kind: Kind,
-        time: np.datetime64,
-        before: Array,
-        after: Array,
-        sortie_columns: Mapping[str, Array],
-        *,
-        unit: float = 0.0,
-        middle: float = 0.0,
-        certain: bool = True,
-    ) -> None:
-        """Report an update with the log weights (n,) before and after it."""
-        kept_columns = {
-            key: self._host_columns[key].values
-            for key in list[str](("lineage", "never"))
-            if key in self._host_columns
-        }
+    def _columns(self, before: Array, after: Array, more: Mapping[str, Array]) -> Columns:
+        """Return the columns of an update with the log weights (n,) before and after it."""
         own = {"before": before, "after": after, "release": self.ensemble.release.to_numpy()}
-        columns = Columns.held(self.ensemble.blocks, {**own, **kept_columns, **sortie_columns})
-        self._meeting.take(Event(name, kind, time, columns, unit, middle, certain))
+        kept = self._history.columns
+        own |= {name: kept[name] for name in ("lineage", "never") if name in kept}
+        return Columns.held(self.ensemble.blocks, {**own, **more})
+
+    def _take(self, event: Event) -> None:
+        """Report an update."""
+        self._meeting.take(event)
         self._updated = True
 
     def log_weight(self, time: int) -> Array:
@@ -664,23 +524,14 @@ class SearchFilter:
         They include the effect so far of sorties and sensors under way.
         """
         under_way, observed = self._begun_sorties(time), self._observers.so_far(time)
-        if not under_way:
-            weight_now = np.asarray(self.ensemble.log_weight.to_numpy())
-            return weight_now if observed is None else (weight_now + observed).astype(np.float32)
-        weight = runtime.copy(self.ensemble.log_weight)
-        groups = {flown.key for flown in under_way}
-        shared = {
-            key: runtime.copy(column) for key, column in self._shared.items() if key in groups
-        }
-        for flown in under_way:
-            flown.fail(
-                self.ensemble,
-                self._exposure_until(flown, time, keep=False),
-                self._shared_misses(flown, shared),
-                weight,
-            )
-        failed = np.asarray(weight.to_numpy())
-        return failed if observed is None else (failed + observed).astype(np.float32)
+        weight = self.ensemble.log_weight
+        if under_way:
+            weight = runtime.copy(weight)
+            groups = {flown.key: self._groups[flown.key].copy() for flown in under_way}
+            for flown in under_way:
+                self._fail(flown, self._exposure_until(flown, time, keep=False), groups, weight)
+        now = np.asarray(weight.to_numpy())
+        return now if observed is None else (now + observed).astype(np.float32)
 
     def watch(self, until: int) -> None:
         """Apply all sorties and sensors until the end of the step just made."""
@@ -703,13 +554,14 @@ class SearchFilter:
         if drawn is not None:
             self.resample_all(drawn, until)
             assert isinstance(self._meeting, LocalReduction)
-            self._meeting.drawn(
-                drawn.log_weight, self._host_columns["lineage"].values, self.ensemble.layout
-            )
+            assert self._history.lineage is not None
+            self._meeting.drawn(drawn.log_weight, self._history.lineage, self.ensemble.layout)
 
     def resample_all(self, drawn: Resampled, until: int) -> None:
         """Resample all particles of a run at a time [s after start]."""
-        record.inherit(self.columns.values(), drawn.ancestors)
+        columns = [column for part in self._parts.values() for column in part.columns.values()]
+        record.inherit(columns, drawn.ancestors)
+        self._history.inherit(drawn.ancestors)
         self.begin_anew(drawn, until)
 
     def begin_anew(self, drawn: Resampled, until: int) -> None:
@@ -719,20 +571,16 @@ class SearchFilter:
             drawn: the resampled particles.
             until: time of the resampling [s after start].
         """
-        e = self.ensemble
-        every = [e, *(beside.ensemble for beside in self._debris.values())]
-        with np.errstate(invalid="ignore"):  # empty slots have no weight before or after
-            own = (
-                self._host_columns["unsearched"].values - e.log_weight.to_numpy() + drawn.log_weight
-            )
-        self._host_columns["unsearched"].values = np.where(drawn.log_weight > -np.inf, own, -np.inf)
+        e, history = self.ensemble, self._history
+        self._reweight_unsearched(drawn.log_weight)
         for name in ("lineage", "ancestors"):
-            self._host_columns.setdefault(name, HostColumn(drawn.ancestors.astype(np.int32)))
+            if name not in history.columns:
+                setattr(history, name, drawn.ancestors.astype(np.int32))
         e.log_weight.from_numpy(drawn.log_weight)
         e.status.from_numpy(
             np.where(drawn.spare, int(Status.LEFT), e.status.to_numpy()).astype(np.int32)
         )
-        for which in every:
+        for which in (e, *(beside.ensemble for beside in self._debris.values())):
             which.layout = drawn.layout
             self._restart_waits(which, until)
 
@@ -746,33 +594,32 @@ class SearchFilter:
             ashore, since = which.status.to_numpy() == Status.ASHORE, which.status_since.to_numpy()
             which.status_since.from_numpy(np.where(ashore, time, since).astype(np.int32))
 
-    def ancestors(self) -> Array | None:
-        """Return the ancestor of each particle since the last call, slots of the whole run (n,).
+    def weights(self, time: int) -> tuple[Array, Array | None, Array | None]:
+        """Return the log weights at a time, and what resampling has done; each (n,) or None.
 
-        Return None if nothing was resampled: each particle is then its own ancestor.
+        Returns:
+            Log weights, ancestors since the last call and initial particles (slots of the whole
+            run). None: nothing was resampled, so that each particle is its own ancestor.
         """
-        column = self._host_columns.pop("ancestors", None)
-        return None if column is None else column.values
-
-    def lineage(self) -> Array | None:
-        """Return the initial particle from which each descends, int32 (n,); None: itself."""
-        column = self._host_columns.get("lineage")
-        return None if column is None else column.values
-
-    def _shared_misses(self, flown: Flown, columns: dict[tuple[str, float], Device]) -> Device:
-        """Return the log misses of the group that shares a sortie's unknown sweep width factor."""
-        if len(flown.factors) == 1:
-            return self.ensemble.log_weight  # the kernel then reads no group, so any column will do
-        key = flown.key
-        if key not in columns:
-            columns[key] = runtime.empty(self.ensemble.n * len(flown.factors))
-        return columns[key]
+        log_weight, history = self.log_weight(time), self._history
+        ancestors, history.ancestors = history.ancestors, None
+        return log_weight, ancestors, history.lineage
 
 
-def _tone_names(tone: Tone) -> tuple[str, str]:
-    """Return the names of the two columns of a tone's source frequency, without blanks."""
-    group = tone.group.replace(" ", "_")
-    return f"precision:{group}", f"turned:{group}"
+def _groups_of(
+    sorties: Sequence[Flown], reports: Sequence[tuple[int, int, Contact | Look]]
+) -> dict[tuple[str, float], ReportGroup]:
+    """Return the groups of sorties, contacts and looks that share an unknown."""
+    every = [(flown.key, flown.chances, flown.end) for flown in sorties]
+    for time, _, report in reports:
+        own = report if isinstance(report, Look) else report.heard
+        if own is not None and own.sensor is not None:
+            every.append((unknown.key(own.sensor), unknown.values(own.sensor)[1], time))
+    groups: dict[tuple[str, float], ReportGroup] = {}
+    for key, chances, time in every:
+        group = groups.setdefault(key, ReportGroup(chances, time))
+        group.last = max(group.last, time)
+    return groups
 
 
 def create_exposures(spec: EnsembleSpec, sorties: Sequence[Sortie], scene: Scene) -> list[Flown]:
@@ -782,12 +629,14 @@ def create_exposures(spec: EnsembleSpec, sorties: Sequence[Sortie], scene: Scene
     return [
         Listening(sortie, spec.period.epoch)
         if sortie.sensor is not None
-        else SortieExposure(sortie, spec.period.epoch, seas, members)
+        else SortieExposure(
+            sortie, spec.period.epoch, seas, members, steers=scene.steering is not None
+        )
         for sortie in sorties
     ]
 
 
-def occupied_slots(ensemble: Ensemble) -> list[int]:
+def _occupied_slots(ensemble: Ensemble) -> list[int]:
     """Return the number of occupied slots of each scenario; the others are empty."""
     living = ensemble.status.to_numpy() != Status.LEFT
     counts = np.bincount(ensemble.scenario.to_numpy()[living], minlength=len(ensemble.scenarios))

@@ -45,19 +45,19 @@ class Observer:
     shape: Shape
     besides: int = observe.WHETHER
     report: tuple[float, float] = (0.0, 1.0)  # time [s] and error [s]
-    # the columns `stayed` and `told` of kernels.evidence.observe.observe_along
-    columns: list[Device] = field(default_factory=list)
+    # the columns `stayed` and, if it is read, `told` of kernels.evidence.observe.observe_along
+    columns: dict[str, Device] = field(default_factory=dict)
 
-    def ready(self, n: int) -> list[Device]:
+    def ready(self, n: int) -> dict[str, Device]:
         """Return its columns for n particles; create them on the first call."""
         if not self.columns:
-            initial = np.full(
-                n if self.besides else 1, -1.0 if self.besides == observe.WHEN else 0.0, np.float32
-            )
-            self.columns = [runtime.empty(n), runtime.upload(initial)]
+            self.columns = {"stayed": runtime.empty(n)}
+            if self.besides != observe.WHETHER:
+                first = -1.0 if self.besides == observe.WHEN else 0.0
+                self.columns["told"] = runtime.upload(np.full(n, first, np.float32))
         return self.columns
 
-    def likelihood(self, columns: list[Device], over: bool) -> Array | None:
+    def likelihood(self, columns: dict[str, Device], over: bool) -> Array | None:
         """Return the log likelihood of its report, float64 (n,); None if there is none yet.
 
         Before its end, only reports of no change are known: that a field or barrier has reported
@@ -67,7 +67,7 @@ class Observer:
             columns: of the particles, as `ready` returns them.
             over: whether it has ended.
         """
-        stayed = columns[0].to_numpy().astype(np.float64)
+        stayed = columns["stayed"].to_numpy().astype(np.float64)
         if isinstance(self.what, Presence):
             throughout = self.what.present == "throughout"
             if self.what.present == "sometime" and not over:
@@ -82,7 +82,9 @@ class Observer:
         if self.what.reported is not None:
             if not over:
                 return None
-            missed = self.what.detection * columns[1].to_numpy() + self.what.false_rate * missed
+            missed = (
+                self.what.detection * columns["told"].to_numpy() + self.what.false_rate * missed
+            )
         with np.errstate(divide="ignore"):
             return np.asarray(np.log(missed))
 
@@ -110,27 +112,12 @@ class Observers:
         looking: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
         self._waiting = [create_observer(what, spec) for what in looking]
         self.lines = [create_observer(line, spec) for line in sensors.lines]
-        self._all = (*self._waiting, *self.lines)
+        self.all = (*self._waiting, *self.lines)
         self._step: Step | None = None
         self._begin: Begin | None = None
         # the last time in the step with known positions, and these positions
         self._last_positions: tuple[int, Places] | None = None
         self._cuts = 0  # number of parts of the step so far
-
-    @property
-    def columns(self) -> dict[str, Device]:
-        """Columns of particles, by name, of the sensors that have not ended."""
-        return {
-            f"sensor {number} {which}": column
-            for number, seen in enumerate(self._all)
-            if seen in self.lines or seen in self._waiting
-            for which, column in enumerate(seen.columns)
-            if which == 0 or seen.besides != observe.WHETHER
-        }
-
-    def column(self, number: int, which: int) -> Device:
-        """Return a column of a sensor by number; create it if it does not exist yet."""
-        return self._all[number].ready(self._ensemble.n)[which]
 
     def drop_ended(self, time: int) -> None:
         """Drop the sensors that ended by a time."""
@@ -141,7 +128,7 @@ class Observers:
         found = []
         for seen in self.lines:
             assert isinstance(seen.what, Line)
-            stayed, when = seen.ready(self._ensemble.n)
+            stayed, when = seen.ready(self._ensemble.n).values()
             found.append(Watched(seen.what, stayed.to_numpy(), when.to_numpy()))
         return found
 
@@ -207,7 +194,7 @@ class Observers:
         ]
 
     def _observe(
-        self, until: int, places: Places, every: list[tuple[Observer, list[Device]]]
+        self, until: int, places: Places, every: list[tuple[Observer, dict[str, Device]]]
     ) -> None:
         """Update columns of sensors from the last known positions until a time."""
         assert self._step is not None
@@ -228,7 +215,8 @@ class Observers:
                     seen.shape,
                     seen.besides,
                     seen.report,
-                    *columns,
+                    columns["stayed"],
+                    columns.get("told", columns["stayed"]),  # not read with WHETHER
                 )
 
     def _paths(self, before: Places, after: Places, window: Window) -> Iterator[Paths]:
@@ -288,7 +276,8 @@ class Observers:
                 and time > self._last_positions[0]
                 and seen in self._active(time)
             ):
-                columns = [runtime.copy(column) for column in seen.ready(self._ensemble.n)]
+                own = seen.ready(self._ensemble.n)
+                columns = {name: runtime.copy(column) for name, column in own.items()}
                 self._observe(time, (self._ensemble.lon, self._ensemble.lat), [(seen, columns)])
             likelihood = seen.likelihood(columns, over=False) if columns else None
             if likelihood is not None:

@@ -18,32 +18,22 @@ from drift.engine.motion.steering.itinerary import Abeam, Itinerary, Ways
 from drift.engine.particles import life
 from drift.engine.particles.ensemble import Ensemble
 from drift.engine.particles.status import Status
-from geo import notation, sphere
+from geo import sphere
 from geo.array import Array
 
 
-def overdue_deadlines(spec: EnsembleSpec) -> list[int]:
-    """Return the times when scenarios become overdue, ascending [s after the run's start]."""
-    known = {
-        s.itinerary.overdue
-        for s in spec.scenarios
-        if s.itinerary and s.itinerary.overdue is not None
-    }
-    return sorted(spec.period.elapsed(time) for time in known)
+def overdue_times(spec: EnsembleSpec, known: Sequence[int]) -> dict[int, bool]:
+    """Return the times at which being overdue is evidence, and whether a scenario begins to be.
 
+    All times are seconds after the run's start. Later than the first deadline, it is evidence
+    whenever there is other evidence.
 
-def overdue_update_times(spec: EnsembleSpec, known: Sequence[int]) -> list[int]:
-    """Return all times at which being overdue is evidence [s after the run's start].
-
-    known: times of all other evidence [s after the run's start].
+    known: times of all other evidence.
     """
-    first = overdue_deadlines(spec)
-    return sorted({*first, *(time for time in known if first and time > first[0])})
-
-
-def overdue_update_name(spec: EnsembleSpec, time: int) -> str:
-    """Return the name of the overdue update at a time [s after the run's start]."""
-    return f"overdue {notation.format_dtg(spec.period.time(time))}"
+    due = [s.itinerary.overdue for s in spec.scenarios if s.itinerary]
+    begins = {spec.period.elapsed(time) for time in due if time is not None}
+    later = {time for time in known if begins and time > min(begins)}
+    return {time: time in begins for time in sorted(begins | later)}
 
 
 def log_likelihood(spec: EnsembleSpec, time: int, ensemble: Ensemble) -> Array:

@@ -154,8 +154,8 @@ class Stretch:
     def _keep(self, time: int) -> None:
         """Store the state of all particles at the start of a step [s after start]."""
         assert self.search is not None
-        for name, column in self.search.columns.items():
-            self._state.note(name, column.to_numpy())
+        for name, column in self.search.state():
+            self._state.note(name, column)
         for number, marker in enumerate(self.search.markers):
             self._state.note(f"marker {number}", marker.way.ravel())
         self.since = time

@@ -162,7 +162,7 @@ def restore(search: SearchFilter, kept: Work, since: ResumePoint, first: int) ->
     begun = states[0][0]
     for name in begun.notes:
         if not name.startswith("marker "):
-            search.column(name).from_numpy(_gather_column(name, states, slots))
+            search.load(name, _gather_column(name, states, slots))
     for number, marker in enumerate(search.markers):
         marker.go_on(begun.noted(f"marker {number}").reshape(-1, 3))
     search.resume(since.time)

@@ -23,7 +23,7 @@ from drift.engine.particles.status import STRANDED, on_map
 from drift.evidence.filter import contacts
 from drift.evidence.filter.detection import sight
 from drift.evidence.filter.detection.sight import Targets
-from drift.evidence.filter.records import Contact, Heard, Tone
+from drift.evidence.filter.records import Contact, Heard, Look, Tone
 from drift.evidence.sensors import grid_pod, hearing, unknown
 from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import Sonar
@@ -38,10 +38,12 @@ class Sent(NamedTuple):
     turned: Array  # precision times mean deviation from the frequency of the case [1/Hz] (n,)
 
 
-def asks_velocity(contact: Contact) -> bool:
-    """Return whether the likelihood of a contact depends on the target's velocity."""
-    own = contact.heard
-    return contact.moves or (
+def asks_velocity(report: Contact | Look) -> bool:
+    """Return whether the likelihood of a contact or look depends on the target's velocity."""
+    if isinstance(report, Look):
+        return sight.level_depends_on_speed(report.sensor)
+    own = report.heard
+    return report.moves or (
         own is not None and (own.tone is not None or sight.level_depends_on_speed(own.sensor))
     )
 
@@ -50,29 +52,51 @@ def log_likelihood(contact: Contact, targets: Targets, sent: Sent | None = None)
     """Return the log density of a contact by value of the unknown; -inf: impossible.
 
     Args:
-        contact: with `heard`.
+        contact: the contact, without belief and false contacts.
         targets: the particles.
         sent: source frequency estimated from the group's other contacts; None: that of the case.
 
     Returns:
         Log densities, float64 (factors, n).
     """
-    own = contact.heard
-    assert own is not None
+    there, common = (
+        on_map(targets.status),
+        contacts.log_likelihood(contact, targets.lon, targets.lat),
+    )
+    log_densities = common[None]
+    if contact.heard is not None:
+        log_densities, there = _heard(contact, contact.heard, targets, sent, common, there)
+    log_densities = np.where(there, log_densities, -np.inf)
+    if contact.moves:
+        log_densities = log_densities + contacts.log_motion(contact, targets.east, targets.north)
+    return log_densities
+
+
+def _heard(
+    contact: Contact, own: Heard, targets: Targets, sent: Sent | None, common: Array, there: Array
+) -> tuple[Array, Array]:
+    """Return log densities (factors, n) of a measurement, and which particles could be detected.
+
+    Args:
+        contact: the contact.
+        own: its measurement.
+        targets: the particles.
+        sent: see `log_likelihood`.
+        common: log likelihood of its bearing or range, (n,).
+        there: particles on the map, bool (n,).
+    """
     assert contact.sensor is not None
     at = math.radians(contact.sensor[0]), math.radians(contact.sensor[1])
     lon, lat = targets.lon * sphere.UNIT, targets.lat * sphere.UNIT
     way = sphere.offset(*at, lon, lat)
-    common = contacts.log_likelihood(contact, targets.lon, targets.lat)
     if own.tone is not None:
         common = common + _frequency(own.tone, doppler(own, targets, way), sent)
-    there = on_map(targets.status)
     sees = own.sensor.sees
     if not isinstance(sees, Sonar):
         with np.errstate(divide="ignore"):
             detected = np.log(grid_pod.chance(sees, at, contact.time, lon, lat))[None]
     else:
-        there &= ~np.isin(targets.status, STRANDED)
+        there = there & ~np.isin(targets.status, STRANDED)
         tables = Receiver(sees, own.beams).tables(*at, own.heading, contact.time)
         arrives, gain = hearing.terms(tables, *way)
         arrives = arrives + hearing.level(sees, targets.scenario, targets.speed)
@@ -82,7 +106,7 @@ def log_likelihood(contact: Contact, targets: Targets, sent: Sent | None = None)
                 for offset in unknown.values(own.sensor)[0]
             ]
         )
-    return np.where(there, common + detected, -np.inf)
+    return common + detected, there
 
 
 def _log_detection(own: Heard, sonar: Sonar, arrives: Array, gain: Array) -> Array:

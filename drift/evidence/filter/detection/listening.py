@@ -96,10 +96,15 @@ class Listening:
         """Return the sortie, the same in every scenario."""
         return self.sortie
 
-    def ready(self, ensemble: Ensemble, steers: bool) -> Silent:
-        """Return its state of the particles; create empty columns on the first call."""
+    @property
+    def columns(self) -> dict[str, Device]:
+        """The columns of its state by name; none before it begins and after its end."""
+        return {} if self.exposed is None else self.exposed.columns
+
+    def ready(self, n: int) -> Silent:
+        """Return its state of n particles; create empty columns on the first call."""
         if self.exposed is None:
-            columns = listen.columns(ensemble.n, len(self.factors))
+            columns = listen.columns(n, len(self.factors))
             if isinstance(self._sees, PodGrid):
                 columns = {"log_missed": columns["log_missed"]}
             self.exposed = Silent(
@@ -126,7 +131,7 @@ class Listening:
             until: end of the exposure [s after the run's start].
             keep: whether to update its own columns.
         """
-        exposed = self.ready(ensemble, helm is not None)
+        exposed = self.ready(ensemble.n)
         first, last = max(self._exposed_until, step.elapsed, self.begin), min(until, self.end)
         if first >= last:
             return exposed

@@ -42,11 +42,12 @@ def level_depends_on_speed(sensor: Sensor | None) -> bool:
 
 def log_likelihood(look: Look, targets: Targets) -> Array:
     """Return the log probability of a look's result by value of the unknown, (factors, n)."""
-    assert look.sensor is not None
+    there = on_map(targets.status)
+    if look.sensor is None:
+        return looks.log_likelihood(look, targets.lon, targets.lat, there)[None]
     assert look.place is not None
     at = math.radians(look.place[0]), math.radians(look.place[1])
     lon, lat = targets.lon * sphere.UNIT, targets.lat * sphere.UNIT
-    there = on_map(targets.status)
     sees = look.sensor.sees
     if not isinstance(sees, Sonar):
         chance = grid_pod.chance(sees, at, look.time, lon, lat)
@@ -70,31 +71,22 @@ def log_likelihood(look: Look, targets: Targets) -> Array:
     )
 
 
-def add_shared_report(said: Array, shared: Device, weights: Array) -> Array:
+def average_over_unknown(said: Array, shared: Device, weights: Array, keep: bool) -> Array:
     """Return the log likelihood (n,) of a report, given all earlier reports of the group.
 
     The likelihood is the ratio of two means over the unknown: of the product of all reports with
-    this one and without it. The report is added to `shared`.
+    this one and without it.
 
     Args:
         said: logs by value of the unknown, shape (factors, n).
         shared: logs of all earlier reports, on the device, shape (factors * n,).
         weights: of the values, shape (factors,).
+        keep: whether to add the report to `shared`.
     """
     before = shared.to_numpy().reshape(said.shape).astype(np.float64)
-    shared.from_numpy((before + said).astype(np.float32).reshape(-1))
-    return average_over_unknown(said, before, weights)
-
-
-def average_over_unknown(said: Array, before: Array, weights: Array) -> Array:
-    """Return the log likelihood (n,) of a report, averaged over the unknown.
-
-    Args:
-        said: logs by value of the unknown, shape (factors, n).
-        before: logs of all earlier reports, shape (factors, n).
-        weights: of the values, shape (factors,).
-    """
     after = before + said
+    if keep:
+        shared.from_numpy(after.astype(np.float32).reshape(-1))
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(weights)[:, None]
         ratio = np.logaddexp.reduce(after + logs, axis=0) - np.logaddexp.reduce(
