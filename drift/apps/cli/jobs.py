@@ -73,70 +73,22 @@ def _evaluate_expectation(
 def plan(args: argparse.Namespace) -> Answer:
     """Plan the next search, or the next patrols of a spill."""
     with _prepared_run(args, "plan") as (case, out, options):
-        from drift.apps.cli import outcome
         from drift.pipeline.shards import cluster
-        from drift.planning.patrols import files as patrol_files
-        from drift.planning.patrols import patrol
-        from drift.planning.search import planner
+        from drift.planning import plans
 
+        if case.processing:
+            from drift.planning.arrays.processing_plan import PLANNER
+        elif case.tows:
+            from drift.planning.arrays.planner import PLANNER
+        elif case.spill:
+            from drift.planning.patrols.patrol import PLANNER
+        else:
+            from drift.planning.search.planner import PLANNER
         options |= take.shard_options(args)
         with cluster.connect_to_cluster(args.workers, args.cluster) as client:
-            if case.processing:
-                from drift.planning.arrays import placement_text, processing_plan, processing_text
-
-                processed, _ = processing_plan.allocate(case, out, client=client, **options)
-            elif case.tows:
-                from drift.planning.arrays import placement_text
-                from drift.planning.arrays import planner as array_planner
-
-                arrays, _ = array_planner.place(case, out, client=client, **options)
-            elif case.spill:
-                patrols, result = patrol.patrol(case, out, client=client, **options)
-            else:
-                search_plan, _ = planner.plan(case, out, client=client, **options)
-    if case.processing:
-        facts, numbers = (
-            processing_text.processing_facts(processed),
-            processing_text.plan_numbers(processed),
-        )
-        line = f"Plan of processing in {out / 'processing.txt'}, all results in {out}"
-        if processed.towed is not None:
-            towed = placement_text.placement_facts(processed.towed)
-            facts = (
-                {"towed arrays": towed.pop("plan")}
-                | towed
-                | {"processing": facts.pop("plan")}
-                | facts
-            )
-            numbers = {"arrays": placement_text.summary_of_placement(processed.towed)} | numbers
-            line = f"Plan of towed arrays in {out / 'arrays.txt'}, of processing in {out / 'processing.txt'}, all results in {out}"
-        return Answer(case.title, facts, (line,), numbers, out)
-    if case.tows:
-        line = f"Plan in {out / 'arrays.txt'}, all results in {out}"
-        return Answer(
-            case.title,
-            placement_text.placement_facts(arrays),
-            (line,),
-            placement_text.summary_of_placement(arrays),
-            out,
-        )
-    if case.spill:
-        assert result.aftermath is not None
-        facts, line = (
-            patrol_files.patrol_facts(patrols, result.aftermath),
-            f"Patrols in {out / 'patrols.txt'}",
-        )
-        return Answer(
-            case.title,
-            facts,
-            (f"{line}, all results in {out}",),
-            patrol_files.summary_of_patrols(patrols),
-            out,
-        )
-    line = f"Search action plan in {out / 'plan.txt'}, all results in {out}"
-    return Answer(
-        case.title, outcome.plan(search_plan), (line,), outcome.plan_numbers(search_plan), out
-    )
+            made = plans.propose(PLANNER, case, out, client=client, **options)
+    texts = ", ".join(f"{what} in {out / file}" for what, file in made.texts.items())
+    return Answer(case.title, made.facts, (f"{texts}, all results in {out}",), made.numbers, out)
 
 
 def origin(args: argparse.Namespace) -> Answer:

@@ -7,16 +7,13 @@ import numpy as np
 
 from drift.forecast import likeliest
 from drift.forecast.effective import Count
-from drift.planning.search.products import subareas
-from drift.planning.search.products import text as plan_text
-from drift.planning.search.records import Plan, Tasking
 from drift.products.maps import gazetteer
 from drift.products.maps.gazetteer import Near
 from drift.spills.backtrack import text as origin_text
 from drift.spills.worlds import verdict
 from drift.spills.worlds.products import tables as washup_tables
 from geo import notation
-from geo.notation import NMI, format_dtg, position
+from geo.notation import format_dtg
 
 WORTH_A_WARNING = 0.01  # share of lost probability above which a line reports it
 ASHORE = 0.01  # share of a POS due to stranded particles above which it is reported separately
@@ -200,79 +197,6 @@ def _by_axis(families: dict[str, Any]) -> Facts:
         before, now = (families["effective"][key] for key in ("prior", "posterior"))
         facts["effective scenarios"] = f"{now:.3g} of {families['number']:,} (before: {before:.3g})"
     return facts
-
-
-def plan(planned: Plan) -> Facts:
-    """Return the value of a search plan, and the task of each unit."""
-    facts = {"plan": plan_text.worth(planned)}
-    facts |= {"ashore": words} if (words := plan_text.stranded(planned)) else {}
-    for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True):
-        facts[f"{name} {tasking.unit.name}"] = (
-            f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, "
-            f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {tasking.spacing / NMI:.2f} nmi apart, on scene {format_dtg(tasking.on_scene)[:6]}Z to "
-            f"{format_dtg(tasking.off_scene)[:6]}Z, POS {notation.percent(tasking.pos)}{_at_sea(tasking)}"
-        )
-    if planned.idle:
-        facts["not sent"] = ", ".join(planned.idle)
-    facts |= {f"boats {k}": words for k, words in enumerate(planned.said, 1)}
-    facts |= {
-        f"warning {k}": words
-        for k, words in enumerate(plan_text.warnings(planned, synthetic=False), 1)
-    }
-    if len(planned.scenarios) > 1:
-        facts |= {
-            f'POS if "{scenario}"': notation.percent(pos)
-            for scenario, pos in subareas.scenario_pos(planned)
-        }
-    return facts
-
-
-def plan_numbers(planned: Plan) -> dict[str, Any]:
-    """Return a plan for programs: positions and directions in degrees, the rest in SI units."""
-    return {
-        "objective": planned.spec.objective,
-        "value": planned.value,
-        "pos": planned.pos,
-        "pos_ashore": planned.pos_ashore,
-        "ashore": planned.ashore,
-        "pos_by_scenario": dict(subareas.scenario_pos(planned)),
-        "bound": planned.bound,
-        "idle": planned.idle,
-        "taskings": [
-            {
-                "area": name,
-                "unit": tasking.unit.name,
-                "round": tasking.round,
-                "takeoff": tasking.takeoff,
-                "on_scene": tasking.on_scene,
-                "off_scene": tasking.off_scene,
-                "home": tasking.home,
-                "centre": {"lon_deg": tasking.centre[0], "lat_deg": tasking.centre[1]},
-                "length_m": tasking.length,
-                "width_m": tasking.width,
-                "orientation_deg": np.degrees(tasking.orientation) % 360,
-                "pattern": tasking.manner.pattern,
-                "drift_m_s": subareas.drift(tasking),
-                "drift_toward_deg": np.degrees(subareas.toward(tasking)) % 360,
-                "creep_deg": np.degrees(tasking.creep) % 360,
-                "spacing_m": tasking.spacing,
-                "legs": tasking.legs,
-                "pos": tasking.pos,
-                "pos_ashore": tasking.pos_ashore,
-            }
-            for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True)
-        ],
-    }
-
-
-def _at_sea(tasking: Tasking) -> str:
-    """Return the sea distances of a boat, and which of its legs are cut at the coast."""
-    remarks = [
-        f"{name.lower()} {way / NMI:.1f} nmi by sea, {straight / NMI:.1f} straight"
-        for name, way, straight in subareas.by_sea(tasking)
-    ]
-    remarks += [f"legs {plan_text.listed(tasking.cut)} cut at the coast"] * bool(tasking.cut)
-    return "".join(f", {words}" for words in remarks)
 
 
 def _warnings(warnings: Sequence[str]) -> Facts:

@@ -1,15 +1,13 @@
-"""The basis of a decision to suspend as ASCII text of WIDE columns, without a recommendation."""
-
-import textwrap
+"""The basis of a decision to suspend as ASCII text without a recommendation."""
 
 import numpy as np
 
 from drift.evidence.suspend.decision import Suspension
 from drift.forecast import effective
+from drift.products.files.text_sheet import SYNTHETIC, paragraph, text_sheet
 from geo import notation
 from geo.notation import NMI
 
-WIDE = 78
 FIRST = (0.5, 0.1, 0.01)  # probabilities of being alive whose times are stated
 
 
@@ -30,34 +28,29 @@ def suspension_text(
         if suspension.now > suspension.times[0] and suspension.sorties
         else "what is known"
     )
-    lines = [
-        "BASIS OF A DECISION TO SUSPEND",
-        *_fill(case_title),
-        f"Run {run}. Times are UTC.",
-        "",
-    ]
-    lines += _fill(
+    intro = paragraph(
         f"As of {notation.format_dtg(suspension.now)}, {what}. All of it is given that nothing has been found."
     )
-    lines += _fill("The decision is the coordinator's: this is not a recommendation.")
-    for warning in warnings(suspension, synthetic):
-        lines += ["", *_fill(f"WARNING: {warning}")]
-    for number, (head, body) in enumerate(
-        (
-            ("ALIVE", _alive(suspension)),
-            ("WHAT HAS BEEN SEARCHED", _searched(suspension)),
-            ("WHAT IS LEFT", _left(suspension, lost)),
-            ("SEARCHING ON", _further(suspension)),
-        ),
-        1,
-    ):
-        lines += ["", f"{number}  {head}", *body]
-    return "\n".join(lines) + "\n"
+    intro += paragraph("The decision is the coordinator's: this is not a recommendation.")
+    sections = (
+        ("ALIVE", _alive(suspension)),
+        ("WHAT HAS BEEN SEARCHED", _searched(suspension)),
+        ("WHAT IS LEFT", _left(suspension, lost)),
+        ("SEARCHING ON", _further(suspension)),
+    )
+    return text_sheet(
+        "BASIS OF A DECISION TO SUSPEND",
+        case_title,
+        run,
+        sections,
+        warnings=warnings(suspension, synthetic),
+        intro=intro,
+    )
 
 
 def warnings(suspension: Suspension, synthetic: bool) -> list[str]:
     """Return warnings about figures that are not reliable."""
-    lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
+    lines = [SYNTHETIC] if synthetic else []
     if suspension.count.few:
         lines.append(
             effective.sentence(
@@ -104,7 +97,9 @@ def reached(suspension: Suspension) -> list[tuple[float, np.datetime64]]:
 
 def _alive(suspension: Suspension) -> list[str]:
     if not suspension.mortal:
-        return _fill("No scenario has survival times (survival = ...), so survival is unknown.", 3)
+        return paragraph(
+            "No scenario has survival times (survival = ...), so survival is unknown.", 3
+        )
     several = len(suspension.scenarios) > 1
     lines = [f"   {'':18}{'From now':10}Probability of being alive"]
     for time, mean, error in suspension.ahead:
@@ -124,14 +119,14 @@ def _alive(suspension: Suspension) -> list[str]:
             else "Survival times: "
         )
         name = f'"{suspension.scenarios[s]}": ' if several else ""
-        lines += _fill(f"{name}{now}{basis or 'no survival times'}", 3, 6)
+        lines += paragraph(f"{name}{now}{basis or 'no survival times'}", 3, 6)
     caveat = "The error is that of the particles. Survival times are far less certain: try half and twice the median."
-    return [*lines, *_fill(caveat, 3)]
+    return [*lines, *paragraph(caveat, 3)]
 
 
 def _searched(suspension: Suspension) -> list[str]:
     if not suspension.sorties:
-        return _fill("No sortie has been flown.", 3)
+        return paragraph("No sortie has been flown.", 3)
     lines = [f"   {'Sortie':25}{'Ended':9}{'nmi2':>8}{'POC':>8}{'POD':>8}{'POS':>8}{'So far':>9}"]
     for update, area in suspension.sorties:
         name = update.name if len(update.name) <= 24 else f"{update.name[:21]}..."
@@ -153,7 +148,7 @@ def _searched(suspension: Suspension) -> list[str]:
                 for v in (suspension.cumulative, suspension.prior, suspension.share)
             )
             words = f'{by_now} had it been "{name}": {prior} probable at first, {posterior} now'
-            lines += _fill(words, 3, 6)
+            lines += paragraph(words, 3, 6)
     return lines
 
 
@@ -161,28 +156,28 @@ def _left(suspension: Suspension, lost: float) -> list[str]:
     lines = []
     if suspension.sorties:
         never = float(suspension.never[-1])
-        lines += _fill(
+        lines += paragraph(
             f"{give_or_take(never, float(suspension.error(never)))} of the remaining probability lies outside all searched "
             f"areas; the other {notation.percent(1 - never)} was searched and missed.",
             3,
         )
         for s, name in enumerate(suspension.scenarios if len(suspension.scenarios) > 1 else ()):
-            lines += _fill(
+            lines += paragraph(
                 f'"{name}": {notation.percent(float(suspension.never[s]))} of its probability never searched',
                 3,
                 6,
             )
-        lines += _fill("Probability left in the searched area right after each sortie:", 3)
+        lines += paragraph("Probability left in the searched area right after each sortie:", 3)
         for update, _ in suspension.sorties:
             if update.poc is not None and update.pos is not None:
                 poc, pos = float(update.poc[-1]), float(update.pos[-1])
-                lines += _fill(
+                lines += paragraph(
                     f"{notation.percent((poc - pos) / max(1 - pos, 1e-12))}  {update.name}", 3, 6
                 )
     else:
-        lines += _fill("Nothing has been searched: all of the probability is left.", 3)
+        lines += paragraph("Nothing has been searched: all of the probability is left.", 3)
     if lost > 0:
-        lines += _fill(
+        lines += paragraph(
             f"At the end of the run {notation.percent(lost)} is on no map: see the account in summary.json.",
             3,
         )
@@ -190,7 +185,7 @@ def _left(suspension: Suspension, lost: float) -> list[str]:
 
 
 def _further(suspension: Suspension) -> list[str]:
-    lines = _fill(f"{suspension.how[:1].upper()}{suspension.how[1:]}.", 3)
+    lines = paragraph(f"{suspension.how[:1].upper()}{suspension.how[1:]}.", 3)
     if not suspension.further:
         return lines
 
@@ -206,9 +201,9 @@ def _further(suspension: Suspension) -> list[str]:
         if suspension.mortal:
             row += f"{figure(end.alive, end.alive_error):>18}{notation.percent(end.waiting):>19}"
         lines.append(row)
-    lines += ["", *_fill("Probabilities counted from now, each row with those above it.", 3)]
+    lines += ["", *paragraph("Probabilities counted from now, each row with those above it.", 3)]
     if not suspension.planned:
-        lines += _fill(
+        lines += paragraph(
             "It is a rough figure, neither a plan nor a bound: the map is held while the object drifts on and spreads, "
             "which makes later days look better than they are. How much better is not known, so no errors are given. "
             "Regular tracks find more than random search does, and effort cannot be divided without limit. drift plan "
@@ -216,10 +211,3 @@ def _further(suspension: Suspension) -> list[str]:
             3,
         )
     return lines
-
-
-def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
-    rest = " " * (indent if hang is None else hang)
-    return textwrap.wrap(
-        words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False
-    )

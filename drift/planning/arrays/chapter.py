@@ -1,43 +1,30 @@
 """Output files of a plan of towed arrays: text, [[sortie]] tables, numbers and a map."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from drift.evidence.filter.updates import Updates
-from drift.forecast.build import Forecast
 from drift.planning.arrays import placement_text
+from drift.planning.plans import PlanOutputs
 from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
-from drift.products.maps.imprint import Setting
 from drift.products.report import leaves
-from drift.products.report.leaves import Leaf
 
 
-@dataclass(frozen=True)
-class PlacementOutputs:
-    """What the output files and the map of a plan are made from."""
-
-    plan: Any  # a drift.planning.arrays.planner.ArrayPlan
-    forecast: Forecast  # given that the planned watches hear nothing
-    updates: Updates | None
-    setting: Setting
-
-
-def _picture(matter: PlacementOutputs, path: Path) -> None:
+def _picture(matter: PlanOutputs, path: Path) -> None:
     """Draw the search map with the plan's areas and turning points on it."""
     from drift.evidence.filter.products import map as search_map
     from drift.planning.arrays import layers  # here: Matplotlib takes a second to import
 
-    assert matter.updates is not None
+    assert matter.result.updates is not None
     own = layers.plan(matter.plan.placement.placed, matter.plan.sorties)
     setting = replace(matter.setting, overlays=(*matter.setting.overlays, lambda time: own))
     sorties = sorted(matter.plan.sorties, key=lambda sortie: (sortie.start, sortie.end))
-    search_map.plot_searches(matter.forecast, sorties, (), matter.updates, path, setting, page=1)
+    search_map.plot_searches(
+        matter.result.forecast, sorties, (), matter.result.updates, path, setting, page=1
+    )
 
 
-FILES: dict[str, Callable[[PlacementOutputs, Stamped], Contents]] = {
+FILES: dict[str, Callable[[PlanOutputs, Stamped], Contents]] = {
     "arrays.txt": lambda matter, stamped: placement_text.placement_as_text(
         matter.plan, matter.setting.imprint.title, stamped["run_id"]
     ),
@@ -47,21 +34,16 @@ FILES: dict[str, Callable[[PlacementOutputs, Stamped], Contents]] = {
         **placement_text.summary_of_placement(matter.plan),
     },
 }
-PICTURES: dict[str, Callable[[PlacementOutputs, Path], None]] = {
+PICTURES: dict[str, Callable[[PlanOutputs, Path], None]] = {
     "arrays.png": _picture,
 }
 
 
-def chapter(matter: PlacementOutputs) -> OutputBundle:
+def chapter(matter: PlanOutputs) -> OutputBundle:
     """Return the output files of a plan of towed arrays."""
     return OutputBundle(
         {"arrays": placement_text.summary_of_placement(matter.plan)},
         bind_outputs(FILES, matter),
         bind_outputs(PICTURES, matter),
-        leaves=(partial(_leaves, matter),),
+        leaves=(lambda: [leaves.text_leaf("Towed arrays", file="arrays.txt")],),
     )
-
-
-def _leaves(matter: PlacementOutputs) -> list[Leaf]:
-    """Return the plan's page of the report."""
-    return [leaves.text_leaf("Towed arrays", file="arrays.txt")]

@@ -2,15 +2,14 @@
 
 import json
 import math
-import textwrap
 from typing import Any
 
 import numpy as np
 
+from drift.products.files.text_sheet import paragraph, text_sheet
 from geo import notation, sphere
 from geo.notation import KNOT, NMI
 
-WIDE = 78
 LOOSE = 0.99  # a bound above this is not reported
 RELAXED = (
     "The bound lets each array use the best position, heading and beam of its cell at every moment, turn at will, draw its "
@@ -18,7 +17,7 @@ RELAXED = (
 )
 
 
-def worth(plan: Any) -> str:
+def _worth(plan: Any) -> str:
     """Return one line with the plan's POD and its upper bound."""
     chosen, found = plan.placement, plan.bound
     line = f"POD {notation.percent(plan.pos)} on the case's own particles; {notation.percent(chosen.value)} on the {chosen.particles:,} planning particles"
@@ -31,43 +30,40 @@ def worth(plan: Any) -> str:
 
 
 def placement_as_text(plan: Any, title: str, run: str) -> str:
-    """Return the plan as text for the ships; plain ASCII except names."""
-    lines = [
-        "TOWED ARRAYS",
-        *_fill(title),
-        f"Run {run}. Times are UTC, courses true.",
-        "",
-        "1  WORTH",
-        *_fill(f"{worth(plan)}.", 3),
-    ]
-    lines += ["", "2  SHIPS"]
+    """Return the plan as text for the ships."""
+    ships: list[str] = []
     for placed, sortie, pos in zip(plan.placement.placed, plan.sorties, plan.pos_of, strict=True):
         tow = placed.sea.tow
-        lines += [
+        ships += [
             "",
-            *_fill(
+            *paragraph(
                 f'{tow.name} tows "{tow.sensor.name}" at {notation.number(tow.speed / KNOT)} kn, POD {notation.percent(pos)} after those before it',
                 3,
             ),
         ]
         for time, lon, lat, what in vertices(placed, sortie):
-            lines += _fill(
+            ships += paragraph(
                 f"{notation.format_dtg(time)}  {notation.position(lon, lat)}  {what}", 6, 10
             )
-    lines += ["", "3  ALTERNATIVES"]
-    lines += [
+    alternatives = [
         line
         for name, value in plan.placement.alternatives
-        for line in _fill(f"{name}: {notation.percent(value)}", 3, 6)
+        for line in paragraph(f"{name}: {notation.percent(value)}", 3, 6)
     ]
-    lines += ["", "4  NOTES"]
-    for note in (
+    notes = (
         f"POD: probability that any ship hears the target by {notation.format_dtg(plan.until)}.",
         f"{RELAXED}; {plan.bound.slots} slots, cells of {plan.bound.cell / NMI:.0f} nmi.",
         "The POD of alternatives is computed on the planning particles.",
-    ):
-        lines += _fill(note, 3)
-    return "\n".join(lines) + "\n"
+    )
+    sections = (
+        ("WORTH", paragraph(f"{_worth(plan)}.", 3)),
+        ("SHIPS", ships),
+        ("ALTERNATIVES", alternatives),
+        ("NOTES", [line for note in notes for line in paragraph(note, 3)]),
+    )
+    return text_sheet(
+        "TOWED ARRAYS", title, run, sections, conventions="Times are UTC, courses true"
+    )
 
 
 def vertices(placed: Any, sortie: Any) -> list[tuple[np.datetime64, float, float, str]]:
@@ -151,7 +147,7 @@ def summary_of_placement(plan: Any) -> dict[str, Any]:
 
 def placement_facts(plan: Any) -> dict[str, str]:
     """Return the plan as a few labelled lines for a terminal."""
-    rows = {"plan": worth(plan)}
+    rows = {"plan": _worth(plan)}
     for placed, sortie, pos in zip(plan.placement.placed, plan.sorties, plan.pos_of, strict=True):
         way = "; ".join(
             f"{notation.format_dtg(t)[:6]}Z {notation.position(x, y)} {what}"
@@ -163,14 +159,3 @@ def placement_facts(plan: Any) -> dict[str, str]:
         for k, (name, value) in enumerate(plan.placement.alternatives, 1)
     }
     return rows
-
-
-def _fill(line: str, indent: int = 0, later: int | None = None) -> list[str]:
-    """Return a paragraph wrapped to the page width."""
-    blank = " " * indent
-    return textwrap.wrap(
-        line,
-        WIDE,
-        initial_indent=blank,
-        subsequent_indent=" " * (indent if later is None else later),
-    )

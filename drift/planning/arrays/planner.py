@@ -5,7 +5,8 @@ from the case's own run, with the planned watches carried out and nothing heard.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Unpack
@@ -15,14 +16,14 @@ import numpy as np
 from drift.case.record import Case
 from drift.engine.environment import coastline
 from drift.evidence.filter.records import Law, Sortie
-from drift.evidence.suspend.further import Planned
-from drift.pipeline import flow, run_metadata
+from drift.pipeline import flow
 from drift.pipeline.result import Result
 from drift.pipeline.run_options import Job, RunOptions, serialized
-from drift.pipeline.shards import shelf
-from drift.planning.arrays import chapter, placement, placement_bound, ways
+from drift.planning import plans
+from drift.planning.arrays import chapter, placement, placement_bound, placement_text, ways
 from drift.planning.arrays.placement import Placement
 from drift.planning.arrays.placement_bound import Bound
+from drift.planning.plans import Planner, Proposal
 from drift.planning.search import follow
 from geo import notation
 from geo.errors import UserError
@@ -67,29 +68,39 @@ def place(
         UserError: the case has no `[[tow]]`, or `drift.run` rejects it; one line for each mistake
             (`error.lines`).
     """
+    made = plans.propose(PLANNER, case, out, **options)
+    return made.plan, made.result
+
+
+def _check(case: Case) -> None:
+    """Raise UserError unless the ships of a case can be placed."""
     if not case.tows:
         raise UserError(
             f"{case.path.name}: has no [[tow]] to place: add one with sensor, begin and speed for each ship"
         )
-    if case.plan.begin >= case.plan.until:
-        raise UserError(
-            f"{case.path.name}: plan: the last sortie or contact is at {notation.format_dtg(case.plan.begin)}, when the plan is to "
-            "end; give begin and until in [plan], or run for longer"
-        )
-    job = flow.open_run(case, out, options)
-    plan, executed, result = towed(job)
-    if job.out is not None:
-        flow.write_results(
-            result,
-            job,
-            more=[chapter.chapter(matter(job, plan, executed, result))],
-            planned=ahead(plan),
-        )
-        shelf.clear(job.out)
-    return plan, result
+    plans.check_period(case)
 
 
-def towed(job: Job) -> tuple[ArrayPlan, Case, Result]:
+@contextmanager
+def propose(job: Job) -> Iterator[Proposal]:
+    """Yield the plan of a job's ships with what is reported of it."""
+    plan, executed, result = _towed(job)
+    yield Proposal(
+        plan,
+        result,
+        executed,
+        facts=placement_text.placement_facts(plan),
+        numbers=placement_text.summary_of_placement(plan),
+        texts={"Plan": "arrays.txt"},
+        outputs=[chapter.chapter],
+        sorties=plan.sorties,
+    )
+
+
+PLANNER = Planner(_check, propose)
+
+
+def _towed(job: Job) -> tuple[ArrayPlan, Case, Result]:
     """Return a plan, the case with its watches appended, and the forecast of that case.
 
     The watches are assumed to have heard nothing.
@@ -100,20 +111,6 @@ def towed(job: Job) -> tuple[ArrayPlan, Case, Result]:
     executed = _with_planned_sorties(case, sorties)
     result = flow.forecast_job(replace(job, case=executed))
     return _scored_plan(case, chosen, bound, sorties, result), executed, result
-
-
-def matter(job: Job, plan: ArrayPlan, executed: Case, result: Result) -> chapter.PlacementOutputs:
-    """Return what the output files of a plan are made from."""
-    setting = run_metadata.with_coast(run_metadata.map_setting(executed, job.where))
-    return chapter.PlacementOutputs(plan, result.forecast, result.updates, setting)
-
-
-def ahead(plan: ArrayPlan) -> Planned:
-    """Return the planned watches, which are not yet carried out."""
-    return Planned(
-        frozenset(sortie.name for sortie in plan.sorties),
-        max(sortie.end for sortie in plan.sorties),
-    )
 
 
 def _best_placement(job: Job) -> tuple[Placement, Bound]:
@@ -141,9 +138,7 @@ def _sortie(case: Case, placed: placement.Placed) -> Sortie:
     """Return a ship's planned watch as a sortie."""
     tow = placed.sea.tow
     legs = ways.legs(placed.sea, placed.way, 0)
-    name = f"{tow.name}, planned"
-    while name in {sortie.name for sortie in case.sorties}:
-        name += " again"
+    name = plans.sortie_name(case, f"{tow.name}, planned")
     start, end = (np.datetime64(round(time), "s") for time in (legs.time[0], legs.time[-1]))
     blind = (float("nan"),) * len(case.scenarios)
     return Sortie(
@@ -162,37 +157,20 @@ def _sortie(case: Case, placed: placement.Placed) -> Sortie:
 
 
 def _with_planned_sorties(case: Case, sorties: Sequence[Sortie]) -> Case:
-    """Return the case with the planned watches and with output times for their map.
-
-    The run ends with the plan.
-    """
-    all_sorties = tuple(
-        sorted((*case.sorties, *sorties), key=lambda sortie: (sortie.start, sortie.end))
-    )
-    shown = [case.start, case.plan.begin, case.plan.until]
+    """Return the case with the planned watches and with output times for their map."""
+    shown: list[np.datetime64] = []
     for sortie in sorties:
         shown += [sortie.start, sortie.start + (sortie.end - sortie.start) // 2, sortie.end]
-    return replace(
-        case,
-        sorties=all_sorties,
-        outputs=np.unique(np.array(shown, "datetime64[s]")),
-        end=case.plan.until,
-    )
+    return plans.with_sorties(case, sorties, shown)
 
 
 def _scored_plan(
     case: Case, chosen: Placement, bound: Bound, sorties: tuple[Sortie, ...], result: Result
 ) -> ArrayPlan:
     """Return the plan with its POD, taken from the forecast in which it was carried out."""
-    assert result.updates is not None
-    by_name = {update.name: update for update in result.updates.all}
-    pos = [float(np.asarray(by_name[sortie.name].pos)[-1]) for sortie in sorties]
-    ordered = [
-        by_name[update.name]
-        for update in result.updates.all
-        if update.name in {s.name for s in sorties}
-    ]
-    missed = float(np.prod([1 - float(np.asarray(update.pos)[-1]) for update in ordered]))
+    pos = [float(np.asarray(own.pos)[-1]) for own in plans.updates_of(result, sorties)]
+    by_end = sorted(zip(sorties, pos, strict=True), key=lambda one: (one[0].end, one[0].start))
+    missed = float(np.prod([1 - own for _, own in by_end]))
     return ArrayPlan(
         chosen, bound, sorties, 1 - missed, tuple(pos), case.plan.begin, case.plan.until
     )

@@ -1,27 +1,15 @@
 """Output files of a beam allocation: tables, numbers and a timeline chart."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 from drift.planning.arrays import processing_text
+from drift.planning.plans import PlanOutputs
 from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
-from drift.products.maps.imprint import Setting
 from drift.products.report import leaves
-from drift.products.report.leaves import Leaf
 
 
-@dataclass(frozen=True)
-class ProcessingOutputs:
-    """What the output files and the chart of a beam allocation are made from."""
-
-    plan: Any  # a drift.planning.arrays.processing_plan.ProcessingPlan
-    setting: Setting
-
-
-def _text(matter: ProcessingOutputs, stamped: Stamped) -> str:
+def _text(matter: PlanOutputs, stamped: Stamped) -> str:
     """Return processing.txt."""
     plan = matter.plan
     title, run = matter.setting.imprint.title, stamped["run_id"]
@@ -30,13 +18,13 @@ def _text(matter: ProcessingOutputs, stamped: Stamped) -> str:
     )
 
 
-def _csv(matter: ProcessingOutputs, stamped: Stamped) -> str:
+def _csv(matter: PlanOutputs, stamped: Stamped) -> str:
     """Return processing.csv."""
     plan = matter.plan
     return processing_text.csv(plan.allocation, plan.hearing, plan.names, stamped["run_id"])
 
 
-def _picture(matter: ProcessingOutputs, path: Path) -> None:
+def _picture(matter: PlanOutputs, path: Path) -> None:
     # here: Matplotlib takes a second to import
     """Draw processing.png."""
     from drift.planning.arrays import map as processing_map
@@ -48,7 +36,7 @@ def _picture(matter: ProcessingOutputs, path: Path) -> None:
     )
 
 
-FILES: dict[str, Callable[[ProcessingOutputs, Stamped], Contents]] = {
+FILES: dict[str, Callable[[PlanOutputs, Stamped], Contents]] = {
     "processing.txt": _text,
     "processing.csv": _csv,
     "processing.json": lambda matter, stamped: {
@@ -56,22 +44,17 @@ FILES: dict[str, Callable[[ProcessingOutputs, Stamped], Contents]] = {
         **processing_text.plan_numbers(matter.plan),
     },
 }
-PICTURES: dict[str, Callable[[ProcessingOutputs, Path], None]] = {
+PICTURES: dict[str, Callable[[PlanOutputs, Path], None]] = {
     "processing.png": _picture,
 }
 
 
-def chapter(matter: ProcessingOutputs) -> OutputBundle:
+def chapter(matter: PlanOutputs) -> OutputBundle:
     """Return the output files of a beam allocation."""
     numbers = processing_text.plan_numbers(matter.plan)
     return OutputBundle(
         {"processing": {key: value for key, value in numbers.items() if key != "slots"}},
         bind_outputs(FILES, matter),
         bind_outputs(PICTURES, matter),
-        leaves=(partial(_leaves, matter),),
+        leaves=(lambda: [leaves.text_leaf("Processing", file="processing.txt")],),
     )
-
-
-def _leaves(matter: ProcessingOutputs) -> list[Leaf]:
-    """Return the allocation's page of the report."""
-    return [leaves.text_leaf("Processing", file="processing.txt")]

@@ -7,7 +7,8 @@ plan places ships that tow arrays, it is the forecast given that they hear nothi
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Unpack
@@ -16,16 +17,24 @@ import numpy as np
 
 from drift.case.record import Case
 from drift.evidence.sensors.records import Processing
-from drift.pipeline import flow, run_metadata
+from drift.pipeline import flow
 from drift.pipeline.result import Result
 from drift.pipeline.run_options import Job, RunOptions, serialized
-from drift.pipeline.shards import shelf
-from drift.planning.arrays import beams, manning, planner, processing, processing_chapter, records
-from drift.planning.arrays import chapter as tow_chapter
+from drift.planning import plans
+from drift.planning.arrays import (
+    beams,
+    chapter,
+    manning,
+    planner,
+    processing,
+    processing_chapter,
+    processing_text,
+    records,
+)
 from drift.planning.arrays.planner import ArrayPlan
 from drift.planning.arrays.records import Allocation, Chosen, Hearing, Names
+from drift.planning.plans import Planner, Proposal
 from drift.planning.search import follow, planning_tracks
-from drift.products.files.chapter import OutputBundle
 from geo import notation
 from geo.errors import UserError
 from kernels.maths import noise
@@ -76,44 +85,62 @@ def allocate(
         UserError: the case has no `[plan.processing]`, or `drift.run` rejects it; one line for each
             mistake (`error.lines`).
     """
+    made = plans.propose(PLANNER, case, out, **options)
+    return made.plan, made.result
+
+
+def _check(case: Case) -> None:
+    """Raise UserError unless the beams of a case can be allocated."""
     asked = case.processing
     if asked is None:
         raise UserError(
             f"{case.path.name}: has no [plan.processing] to allocate: give slot, processors and sensors, the arrays with beams"
         )
-    if case.plan.begin >= case.plan.until:
-        raise UserError(
-            f"{case.path.name}: plan: the last sortie or contact is at {notation.format_dtg(case.plan.begin)}, when the plan is to "
-            "end; give begin and until in [plan], or run for longer"
-        )
-    refuse_crowds(asked)
-    today_of(asked)
-    job = flow.open_run(case, out, options)
-    chapters: list[OutputBundle] = []
-    ahead = None
-    executed = case
-    if case.tows:
-        towed, executed, result = planner.towed(job)
-        asked = placed(asked, towed)
-        ahead = planner.ahead(towed)
-        if job.out is not None:
-            chapters.append(tow_chapter.chapter(planner.matter(job, towed, executed, result)))
-        plan = replace(_allocated(job, asked), towed=towed)
-    else:
+    plans.check_period(case)
+    _refuse_crowds(asked)
+    _today_of(asked)
+
+
+@contextmanager
+def _propose(job: Job) -> Iterator[Proposal]:
+    """Yield the allocation of a job with what is reported of it, and of its ships."""
+    asked = job.case.processing
+    assert asked is not None
+    outputs = [processing_chapter.chapter]
+    if not job.case.tows:
         plan = _allocated(job, asked)
-        executed = _shown(case)
-        result = flow.forecast_job(replace(job, case=executed))
-    if job.out is not None:
-        setting = run_metadata.with_coast(run_metadata.map_setting(executed, job.where))
-        chapters.append(
-            processing_chapter.chapter(processing_chapter.ProcessingOutputs(plan, setting))
+        executed = plans.with_sorties(job.case, ())
+        yield Proposal(
+            plan,
+            flow.forecast_job(replace(job, case=executed)),
+            executed,
+            facts=processing_text.processing_facts(plan),
+            numbers=processing_text.plan_numbers(plan),
+            texts={"Plan of processing": "processing.txt"},
+            outputs=outputs,
         )
-        flow.write_results(result, job, more=chapters, planned=ahead)
-        shelf.clear(job.out)
-    return plan, result
+        return
+    with planner.propose(job) as ships:
+        plan = replace(_allocated(job, _placed(asked, ships.plan)), towed=ships.plan)
+        facts, own = dict(ships.facts), processing_text.processing_facts(plan)
+        first, second = {"towed arrays": facts.pop("plan")}, {"processing": own.pop("plan")}
+        yield replace(
+            ships,
+            plan=plan,
+            facts=first | facts | second | own,
+            numbers={"arrays": ships.numbers} | processing_text.plan_numbers(plan),
+            texts={"Plan of towed arrays": "arrays.txt", "of processing": "processing.txt"},
+            outputs=[
+                lambda matter: chapter.chapter(replace(matter, plan=plan.towed)),
+                *outputs,
+            ],
+        )
 
 
-def refuse_crowds(asked: Processing) -> None:
+PLANNER = Planner(_check, _propose)
+
+
+def _refuse_crowds(asked: Processing) -> None:
     """Raise UserError if processors of a slot outnumber the beams that they can serve."""
     for slot, works in enumerate(asked.manned):
         crew = tuple(tuple(row) for row in asked.serves[works].tolist())
@@ -125,7 +152,7 @@ def refuse_crowds(asked: Processing) -> None:
             )
 
 
-def placed(asked: Processing, towed: ArrayPlan) -> Processing:
+def _placed(asked: Processing, towed: ArrayPlan) -> Processing:
     """Return the processing options with the ways of the ships that were placed."""
     each = zip(towed.placement.placed, towed.sorties, strict=True)
     legs = {one.sea.tow.name: sortie.legs for one, sortie in each}
@@ -133,12 +160,6 @@ def placed(asked: Processing, towed: ArrayPlan) -> Processing:
         replace(one, legs=legs[one.tow]) if one.tow else one for one in asked.listeners
     )
     return replace(asked, listeners=listeners)
-
-
-def _shown(case: Case) -> Case:
-    """Return the case up to the plan's end, with outputs at its begin and end."""
-    shown = [case.start, case.plan.begin, case.plan.until]
-    return replace(case, outputs=np.unique(np.array(shown, "datetime64[s]")), end=case.plan.until)
 
 
 def _allocated(job: Job, asked: Processing) -> ProcessingPlan:
@@ -151,19 +172,19 @@ def _allocated(job: Job, asked: Processing) -> ProcessingPlan:
     with job.clock.phase("hear"):
         some = planning_tracks.sample(tracks, many) if many < tracks.m else tracks
         field = beams.field(asked.listeners, some, asked.edges, seed)
-        heard = hearing(asked, field, beams.chances(field, partial(job.tell, "plan")))
+        heard = _hearing(asked, field, beams.chances(field, partial(job.tell, "plan")))
     with job.clock.phase("plan"):
-        allocation = processing.allocate(heard, today=today_of(asked))
+        allocation = processing.allocate(heard, today=_today_of(asked))
     with job.clock.phase("hear"):
         chance = beams.carried(
             beams.field(asked.listeners, tracks, asked.edges, seed), allocation.chosen
         )
     pod = float(tracks.weight @ chance)
     error = float(np.sqrt(np.sum(tracks.weight**2 * (chance - pod) ** 2)))
-    return ProcessingPlan(allocation, heard, called(asked), pod, error, tracks.m, some.m)
+    return ProcessingPlan(allocation, heard, _called(asked), pod, error, tracks.m, some.m)
 
 
-def hearing(asked: Processing, field: beams.Field, chances: Sequence[Any]) -> Hearing:
+def _hearing(asked: Processing, field: beams.Field, chances: Sequence[Any]) -> Hearing:
     """Return the allocation problem of a case.
 
     Args:
@@ -183,7 +204,7 @@ def hearing(asked: Processing, field: beams.Field, chances: Sequence[Any]) -> He
     )
 
 
-def called(asked: Processing) -> Names:
+def _called(asked: Processing) -> Names:
     """Return the names of arrays, beams and processors."""
     looks = [name for listener in asked.listeners for name in beams.looks(listener)]
     return Names(
@@ -194,7 +215,7 @@ def called(asked: Processing) -> Names:
     )
 
 
-def today_of(asked: Processing) -> Chosen | None:
+def _today_of(asked: Processing) -> Chosen | None:
     """Return the beams of present practice in each slot; None if the case gives none.
 
     A slot with fewer processors keeps the first of them, in the order of the arrays. Raises

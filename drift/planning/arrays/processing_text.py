@@ -1,11 +1,6 @@
-"""Text outputs of a beam allocation: a table for people and rows for programs.
-
-The table is plain ASCII of at most 78 columns except for names, because it goes by mail, telex or
-radio.
-"""
+"""Text outputs of a beam allocation: a table for people and rows for programs."""
 
 import math
-import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,9 +8,9 @@ import numpy as np
 
 from drift.planning.arrays.records import Allocation, Hearing, Names
 from drift.products.files import formats
+from drift.products.files.text_sheet import paragraph, text_sheet
 from geo import notation
 
-WIDE = 78
 HEADER = ("date_time_group", "time", "end", "processor", "array", "beam", "gain", "heard", "run_id")
 SHOWN = 8  # most slots printed in a terminal
 BEST_LEFT = 3  # best unprocessed beams that are listed
@@ -39,53 +34,42 @@ def processing_as_text(
         run: id of the run.
         notes: the first two head the section on the value, the others stand at the end.
     """
-    lines = ["PROCESSING", *_fill(title), f"Run {run}. Times are UTC.", "", "1  WORTH"]
-    lines += [
-        *(line for note in notes[:2] for line in _fill(note, 3)),
-        *_fill(worth(allocation), 3),
-    ]
+    value = [line for note in (*notes[:2], worth(allocation)) for line in paragraph(note, 3)]
     for other in sorted(allocation.alternatives, key=lambda other: -other.value):
-        share = share_of(other.value, allocation)
-        lines += _fill(f"{other.name}: {share:.3f}, {_less(allocation, other.value)}", 3, 6)
-    lines += [
-        "",
-        "2  SLOTS",
-        *_fill("Gain: probability of detection that would be lost without the beam.", 3),
-    ]
+        share = _share_of(other.value, allocation)
+        value += paragraph(f"{other.name}: {share:.3f}, {_less(allocation, other.value)}", 3, 6)
+    lines = paragraph("Gain: probability of detection that would be lost without the beam.", 3)
     last: tuple[int, ...] | None = None
     for slot, row in enumerate(allocation.processing.tolist()):
-        now = share_of(float(allocation.by_slot[slot]), allocation)
+        now = _share_of(float(allocation.by_slot[slot]), allocation)
         lines += ["", f"   {names.begins(slot)}  heard by its end: {now:.3f}"]
         for processor, beam in enumerate(row):
             works = bool(hearing.manned[slot, processor])
             change = "  NEW" if last is not None and beam >= 0 and last[processor] != beam else ""
-            gain = share_of(float(allocation.gain[slot, beam]), allocation) if beam >= 0 else 0.0
+            gain = _share_of(float(allocation.gain[slot, beam]), allocation) if beam >= 0 else 0.0
             what = (
                 f"{called(beam, hearing, names)}, gain {gain:.4f}{change}"
                 if beam >= 0
                 else _idle(works)
             )
-            lines += _fill(f"{names.processors[processor]}: {what}", 6, 10)
+            lines += paragraph(f"{names.processors[processor]}: {what}", 6, 10)
         last = tuple(row)
-    lines += [
-        "",
-        "3  NOT PROCESSED",
-        *_fill(f"What would add most on top of all this: {_left(allocation, hearing, names)}.", 3),
-    ]
+    left = f"What would add most on top of all this: {_left(allocation, hearing, names)}."
+    sections = [("WORTH", value), ("SLOTS", lines), ("NOT PROCESSED", paragraph(left, 3))]
     if notes[2:]:
-        lines += ["", "4  NOTES", *(line for note in notes[2:] for line in _fill(note, 3))]
-    return "\n".join(lines) + "\n"
+        sections.append(("NOTES", [line for note in notes[2:] for line in paragraph(note, 3)]))
+    return text_sheet("PROCESSING", title, run, sections)
 
 
 def worth(allocation: Allocation) -> str:
     """Return one line with the allocation's value and its upper bound."""
-    value = f"Heard at least once: {share_of(allocation.heard, allocation):.3f}"
+    value = f"Heard at least once: {_share_of(allocation.heard, allocation):.3f}"
     cost = allocation.heard - allocation.value
     if cost > 0:
-        value += f", {share_of(allocation.value, allocation):.3f} less what the beams cost"
+        value += f", {_share_of(allocation.value, allocation):.3f} less what the beams cost"
     if allocation.exact:
         return f"{value}; no choice of beams is worth more (proved)"
-    return f"{value}; no choice of beams is worth more than {_up(share_of(allocation.bound, allocation)):.3f}"
+    return f"{value}; no choice of beams is worth more than {_up(_share_of(allocation.bound, allocation)):.3f}"
 
 
 def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str:
@@ -96,10 +80,10 @@ def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str
     rows: list[list[Any]] = []
     for slot, row in enumerate(allocation.processing.tolist()):
         edges = [notation.iso(edge) for edge in names.edges[slot : slot + 2]]
-        heard = share_of(float(allocation.by_slot[slot]), allocation)
+        heard = _share_of(float(allocation.by_slot[slot]), allocation)
         for processor, beam in enumerate(row):
             if beam >= 0:
-                gain = share_of(float(allocation.gain[slot, beam]), allocation)
+                gain = _share_of(float(allocation.gain[slot, beam]), allocation)
                 what = [
                     names.processors[processor],
                     names.arrays[hearing.array[beam]],
@@ -112,17 +96,17 @@ def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str
 def summary_of_processing(allocation: Allocation, hearing: Hearing, names: Names) -> dict[str, Any]:
     """Return the allocation as JSON data; all values are shares of the total weight."""
     return {
-        "heard": share_of(allocation.heard, allocation),
-        "value": share_of(allocation.value, allocation),
-        "bound": share_of(allocation.bound, allocation),
+        "heard": _share_of(allocation.heard, allocation),
+        "value": _share_of(allocation.value, allocation),
+        "bound": _share_of(allocation.bound, allocation),
         "exact": allocation.exact,
         "alternatives": {
-            other.name: share_of(other.value, allocation) for other in allocation.alternatives
+            other.name: _share_of(other.value, allocation) for other in allocation.alternatives
         },
         "slots": [
             {
                 "time": names.edges[slot],
-                "heard": share_of(float(allocation.by_slot[slot]), allocation),
+                "heard": _share_of(float(allocation.by_slot[slot]), allocation),
                 "beams": {
                     names.processors[processor]: called(beam, hearing, names)
                     for processor, beam in enumerate(row)
@@ -189,7 +173,7 @@ def processing_facts(plan: Any) -> dict[str, str]:
         rows["later"] = f"{hearing.slots - SHOWN} more slots"
     for other in sorted(allocation.alternatives, key=lambda other: -other.value):
         rows[f"else, {other.name}"] = (
-            f"{share_of(other.value, allocation):.3f}, {_less(allocation, other.value)}"
+            f"{_share_of(other.value, allocation):.3f}, {_less(allocation, other.value)}"
         )
     return rows
 
@@ -199,7 +183,7 @@ def called(beam: int, hearing: Hearing, names: Names) -> str:
     return f"{names.arrays[hearing.array[beam]]} {names.beams[beam]}"
 
 
-def share_of(value: float, allocation: Allocation) -> float:
+def _share_of(value: float, allocation: Allocation) -> float:
     """Return a weight as a share of the total weight."""
     return value / allocation.weight
 
@@ -228,7 +212,7 @@ def _left(allocation: Allocation, hearing: Hearing, names: Names) -> str:
     for k in np.argsort(-gain, axis=None, kind="stable")[:BEST_LEFT].tolist():
         slot, beam = divmod(k, hearing.beams)
         if gain[slot, beam] > 0:
-            share = share_of(float(gain[slot, beam]), allocation)
+            share = _share_of(float(gain[slot, beam]), allocation)
             found.append(f"{called(beam, hearing, names)} at {names.begins(slot)} ({share:.4f})")
     return "; ".join(found) or "no beam"
 
@@ -236,11 +220,3 @@ def _left(allocation: Allocation, hearing: Hearing, names: Names) -> str:
 def _up(share: float) -> float:
     """Return a bound rounded up to three digits."""
     return min(math.ceil(share * 1000 - 1e-9) / 1000, 1.0)
-
-
-def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
-    """Return a paragraph wrapped to the page width."""
-    rest = " " * (indent if hang is None else hang)
-    return textwrap.wrap(
-        words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False
-    )

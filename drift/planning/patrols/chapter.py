@@ -1,37 +1,32 @@
 """Output files of a patrol plan: schedule, table, [[patrol]] tables and a map."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from drift.planning.patrols import files as patrol_files
 from drift.planning.patrols import planner as patrol_planner
 from drift.planning.patrols import report
-from drift.planning.patrols.planner import PatrolPlan
+from drift.planning.plans import PlanOutputs
 from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
-from drift.products.maps.imprint import Setting
 from drift.spills.worlds import renewal
 from drift.spills.worlds.products import chapter as spill_chapter
 from drift.spills.worlds.renewal import SpillResult
 
 
-@dataclass(frozen=True)
-class PatrolOutputs:
-    """What the output files and the map of a patrol plan are made from."""
-
-    plan: PatrolPlan
-    after: SpillResult
-    setting: Setting
-    synthetic: bool  # winds or currents are made up
+def _after(matter: PlanOutputs) -> SpillResult:
+    """Return the spill's result."""
+    assert matter.result.aftermath is not None
+    return matter.result.aftermath
 
 
-def _picture(matter: PatrolOutputs, path: Path) -> None:
+def _picture(matter: PlanOutputs, path: Path) -> None:
     # here: Matplotlib takes a second to import
     """Draw patrols.png."""
     from drift.spills.worlds.products import map as washup_map
 
-    after, setting = matter.after, matter.setting
+    after, setting = _after(matter), matter.setting
     planned = [
         washup_map.Patrolled(
             slot.team.name, slot.when, slot.team.detection, [visit.segment for visit in visits]
@@ -55,36 +50,40 @@ def _picture(matter: PatrolOutputs, path: Path) -> None:
     )
 
 
-FILES: dict[str, Callable[[PatrolOutputs, Stamped], Contents]] = {
+FILES: dict[str, Callable[[PlanOutputs, Stamped], Contents]] = {
     "patrols.txt": lambda matter, stamped: patrol_files.patrol_text(
-        matter.plan, matter.after, matter.setting.imprint.title, stamped["run_id"], matter.synthetic
+        matter.plan,
+        _after(matter),
+        matter.setting.imprint.title,
+        stamped["run_id"],
+        matter.synthetic,
     ),
     "patrols.csv": lambda matter, stamped: patrol_files.csv(
-        matter.plan, matter.after, stamped["run_id"]
+        matter.plan, _after(matter), stamped["run_id"]
     ),
     "patrols.geojson": lambda matter, stamped: patrol_files.lines(
-        matter.plan, matter.after, stamped
+        matter.plan, _after(matter), stamped
     ),
-    "patrols.toml": lambda matter, stamped: patrol_files.toml(matter.plan, matter.after),
+    "patrols.toml": lambda matter, stamped: patrol_files.toml(matter.plan, _after(matter)),
 }
 # written only if a stretch is longer than a team's daily length
-LEFT_OUT_FILES: dict[str, Callable[[PatrolOutputs, Stamped], Contents]] = {
+LEFT_OUT_FILES: dict[str, Callable[[PlanOutputs, Stamped], Contents]] = {
     "patrols_left_out.csv": lambda matter, stamped: patrol_files.left_out(
-        matter.plan, matter.after, stamped["run_id"]
+        matter.plan, _after(matter), stamped["run_id"]
     ),
 }
-PICTURES: dict[str, Callable[[PatrolOutputs, Path], None]] = {
+PICTURES: dict[str, Callable[[PlanOutputs, Path], None]] = {
     "patrols.png": _picture,
 }
 
 
-def chapter(matter: PatrolOutputs) -> OutputBundle:
+def chapter(matter: PlanOutputs) -> OutputBundle:
     """Return the output files of a patrol plan."""
     numbers = {"patrol_plan": patrol_files.summary_of_patrols(matter.plan)}
     files = bind_outputs(FILES, matter) | (
         bind_outputs(LEFT_OUT_FILES, matter) if matter.plan.left_out else {}
     )
-    warnings = (*matter.plan.notes, *patrol_files.too_long(matter.plan, matter.after))
+    warnings = (*matter.plan.notes, *patrol_files.too_long(matter.plan, _after(matter)))
     leaves = (partial(report.patrol_leaves, matter.plan),)
     return OutputBundle(
         numbers, files, bind_outputs(PICTURES, matter), warnings=warnings, leaves=leaves

@@ -5,7 +5,6 @@ The [[patrol]] tables are meant to be appended to the case after the patrols wer
 
 import json
 import math
-import textwrap
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,11 +12,11 @@ from drift.forecast import effective
 from drift.planning.patrols import planner as patrol_planner
 from drift.planning.patrols.planner import PatrolPlan, Slot, Visit
 from drift.products.files import formats, geojson
+from drift.products.files.text_sheet import SYNTHETIC, paragraph, text_sheet
 from drift.spills.worlds.products import tables as washup_tables
 from drift.spills.worlds.renewal import SpillResult
 from geo import notation
 
-WIDE = 78
 HEADER = (
     "date_time_group",
     "time",
@@ -53,45 +52,41 @@ LONGEST = 4  # most stretches named in a warning
 
 
 def patrol_text(plan: PatrolPlan, after: SpillResult, title: str, run: str, synthetic: bool) -> str:
-    """Return the schedule as text; plain ASCII except names."""
-    lines = ["PATROL PLAN", *_fill(title), f"Run {run}. Times are UTC.", ""]
-    for warning in warnings(plan, after, synthetic):
-        lines += [*_fill(f"WARNING: {warning}"), ""]
-    lines += [
-        "1  WORTH",
-        *_fill(f"Objective: the most objects found on average. {worth(plan)}.", 3),
-    ]
+    """Return the schedule as text."""
+    value = paragraph(f"Objective: the most objects found on average. {worth(plan)}.", 3)
     if plan.daily:
-        lines += _fill(
+        value += paragraph(
             "Planned day by day: the bound is the sum of the best of each day alone, and is loose.",
             3,
         )
-    lines += [*_fill(f"Not sent: {', '.join(plan.idle)}", 3)] if plan.idle else []
-    lines += ["", "2  PATROLS"]
+    value += paragraph(f"Not sent: {', '.join(plan.idle)}", 3) if plan.idle else []
+    lines: list[str] = []
     for slot, visits in patrol_planner.by_patrol(plan):
         length = sum(float(after.segments.length[visit.segment]) for visit in visits) / 1000
         total = sum(visit.found for visit in visits)
         head = f"{notation.format_dtg(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
         lines += [
             "",
-            *_fill(f"{head}, detection {slot.team.detection:.2f}, {total:.2g} found", 3, 6),
+            *paragraph(f"{head}, detection {slot.team.detection:.2f}, {total:.2g} found", 3, 6),
         ]
         for visit in sorted(visits, key=lambda visit: -visit.found):
             name = washup_tables.stretch_with_town(after.segments, visit.segment)
             size = float(after.segments.length[visit.segment]) / 1000
             figures = f"{visit.found:.2g} +- {visit.error:.1g} found of {visit.lying:.2g}   {size:.1f} km   {name}"
-            lines += _fill(figures, 6, 10)
-    lines += ["", "3  NOTES"]
-    for note in (
+            lines += paragraph(figures, 6, 10)
+    notes = (
         "Found: expected number of objects, without those that the public reports or removes before the patrol "
         "arrives; on a second visit, those that the first one missed and later arrivals.",
         "Unless it crosses water a team stays on one land mass, and its reach is measured over land.",
         f"A stretch is visited at most {patrol_planner.VISITS} times, over its whole length. Ways between stretches are not counted. "
         f"Stretches that would add under {100 * patrol_planner.TRIFLE:g} % to a patrol are left out.",
         "After the patrols append patrols.toml to the case, corrected to what was done, and each object found as a [[find]].",
-    ):
-        lines += _fill(f"- {note}", 3, 5)
-    return "\n".join(lines) + "\n"
+    )
+    remarks = [line for note in notes for line in paragraph(f"- {note}", 3, 5)]
+    sections = (("WORTH", value), ("PATROLS", lines), ("NOTES", remarks))
+    return text_sheet(
+        "PATROL PLAN", title, run, sections, warnings=warnings(plan, after, synthetic)
+    )
 
 
 def worth(plan: PatrolPlan) -> str:
@@ -110,7 +105,7 @@ def _up(value: float) -> str:
 
 def warnings(plan: PatrolPlan, after: SpillResult, synthetic: bool) -> list[str]:
     """Return warnings about the reliability of a plan."""
-    lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
+    lines = [SYNTHETIC] if synthetic else []
     count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
     if count.few:
         lines.append(effective.sentence(count, "", "numbers and the choice of stretches are rough"))
@@ -286,11 +281,3 @@ def _spelled(after: SpillResult, visit: Visit) -> str:
         float(after.segments.lon[visit.segment]), float(after.segments.lat[visit.segment])
     )
     return place if where and where in name else name
-
-
-def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
-    """Return a paragraph wrapped to the page width."""
-    rest = " " * (indent if hang is None else hang)
-    return textwrap.wrap(
-        words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False
-    )

@@ -1,17 +1,20 @@
 """Plan the next patrols of a spill and write them with its forecast."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Unpack
 
 from drift.case.record import Case
 from drift.engine.environment import coastline
-from drift.pipeline import flow, run_metadata
+from drift.pipeline import flow
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import RunOptions, serialized
-from drift.pipeline.shards import shelf
-from drift.planning.patrols import access, chapter
+from drift.pipeline.run_options import Job, RunOptions, serialized
+from drift.planning import plans
+from drift.planning.patrols import access, chapter, files
 from drift.planning.patrols import planner as patrol_planner
 from drift.planning.patrols.planner import PatrolPlan
+from drift.planning.plans import Planner, Proposal
 from drift.spills.worlds import evidence
 from geo.coast import shore
 from geo.errors import UserError
@@ -40,12 +43,24 @@ def patrol(
         UserError: the case has no `[spill]` or `[[patrol_unit]]`, or `drift.run` rejects it; one
             line for each mistake (`error.lines`).
     """
+    made = plans.propose(PLANNER, case, out, **options)
+    return made.plan, made.result
+
+
+def _check(case: Case) -> None:
+    """Raise UserError unless the patrols of a case can be planned."""
     if case.spill is None or not case.spill.teams:
         raise UserError(
             f"{case.path.name}: has no [[patrol_unit]] to plan with: "
             "add one with length a day, detection and first patrol for each team"
         )
-    job = flow.open_run(case, out, options)
+
+
+@contextmanager
+def _propose(job: Job) -> Iterator[Proposal]:
+    """Yield the patrols of a job with what is reported of them."""
+    case = job.case
+    assert case.spill is not None
     assert job.where.coast is not None
     segments = evidence.cut_stretches(case.spill, job.where.coast)
     asked = case.coast
@@ -63,14 +78,15 @@ def patrol(
         job.tell("plan", 0.0)
         with job.clock.phase("plan"):
             plan = patrol_planner.plan(after, walkable)
-        if job.out is not None:
-            setting = run_metadata.with_coast(run_metadata.map_setting(case, job.where))
-            patrols = chapter.chapter(
-                chapter.PatrolOutputs(
-                    plan, after, setting, run_metadata.has_synthetic_forcing(case)
-                )
-            )
-            flow.write_results(result, job, more=[patrols])
-    if job.out is not None:
-        shelf.clear(job.out)
-    return plan, result
+        yield Proposal(
+            plan,
+            result,
+            case,
+            facts=files.patrol_facts(plan, after),
+            numbers=files.summary_of_patrols(plan),
+            texts={"Patrols": "patrols.txt"},
+            outputs=[chapter.chapter],
+        )
+
+
+PLANNER = Planner(_check, _propose)

@@ -6,7 +6,8 @@ is one minus the evidence of its failure: the same run that a debrief would make
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Unpack
@@ -18,18 +19,19 @@ from drift.engine.particles.status import STRANDED
 from drift.evidence.filter.account import UpdateCallback
 from drift.evidence.filter.records import Unit
 from drift.evidence.filter.updates import Updates
-from drift.evidence.suspend.further import Planned
 from drift.forecast import effective, likeliest, mapped
 from drift.forecast.effective import Count
-from drift.pipeline import flow, run_metadata
+from drift.pipeline import flow
 from drift.pipeline.result import Result
 from drift.pipeline.run_options import Job, ProgressCallback, RunOptions, serialized
-from drift.pipeline.shards import shelf
+from drift.planning import plans
+from drift.planning.plans import Planner, Proposal
 from drift.planning.search import bound as bounds
 from drift.planning.search import follow, optimiser
 from drift.planning.search.boats import fleet
 from drift.planning.search.bound import Bound
-from drift.planning.search.products import chapter
+from drift.planning.search.products import chapter, subareas
+from drift.planning.search.products import text as plan_text
 from drift.planning.search.records import Alternative, Plan, Tasking
 from geo.array import Array
 from geo.errors import UserError
@@ -63,25 +65,8 @@ def plan(
         UserError: the case has no `[[unit]]` or `[plan]`, or `drift.run` rejects it; one line for
             each mistake (`error.lines`).
     """
-    check(case)
-    job = flow.open_run(case, out, options)
-    proposed, executed, result = scheme(job)
-    if job.out is not None:
-        shown = None if proposed.shares is None else likeliest.likeliest_scenarios(proposed.shares)
-        setting = run_metadata.with_coast(run_metadata.map_setting(executed, job.where, shown))
-        taken = [sortie.name for sortie in case.sorties]
-        land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
-        matter = chapter.PlanOutputs(
-            proposed,
-            result.forecast,
-            setting,
-            taken,
-            land,
-            run_metadata.has_synthetic_forcing(case),
-        )
-        flow.write_results(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
-        shelf.clear(job.out)
-    return proposed, result
+    made = plans.propose(PLANNER, case, out, **options)
+    return made.plan, made.result
 
 
 def check(case: Case) -> None:
@@ -91,11 +76,7 @@ def check(case: Case) -> None:
             f"{case.path.name}: has no [[unit]] to plan with: "
             "add one with base, search_speed, endurance and sweep_width for each unit"
         )
-    if case.plan.begin >= case.plan.until:
-        raise UserError(
-            f"{case.path.name}: plan: the last sortie or contact is at {format_dtg(case.plan.begin)}, when the plan is to "
-            "end; give begin and until in [plan], or run for longer"
-        )
+    plans.check_period(case)
     known = [(sortie.end, f'the end of sortie "{sortie.name}"') for sortie in case.sorties]
     known += [(contact.time, f'contact "{contact.name}"') for contact in case.contacts]
     known += [
@@ -114,6 +95,27 @@ def check(case: Case) -> None:
             f"{case.path.name}: plan.begin {format_dtg(case.plan.begin)} is before {what}, {format_dtg(last)}: "
             "a plan must begin after everything known; give a later begin in [plan], or leave it out"
         )
+
+
+@contextmanager
+def _propose(job: Job) -> Iterator[Proposal]:
+    """Yield the plan of a job with what is reported of it."""
+    proposed, executed, result = scheme(job)
+    land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
+    yield Proposal(
+        proposed,
+        result,
+        executed,
+        facts=plan_text.plan_facts(proposed),
+        numbers=subareas.plan_numbers(proposed),
+        texts={"Search action plan": "plan.txt"},
+        outputs=[partial(chapter.chapter, land=land)],
+        sorties=[tasking.sortie for tasking in proposed.taskings],
+        shown=None if proposed.shares is None else likeliest.likeliest_scenarios(proposed.shares),
+    )
+
+
+PLANNER = Planner(check, _propose)
 
 
 @dataclass(frozen=True)
@@ -196,8 +198,7 @@ def _scored_plan(case: Case, rounds: _Rounds, result: Result) -> Plan:
     """Return the plan with its value, taken from the forecast in which it was executed."""
     assert result.updates is not None
     spec, bound = case.plan, rounds.bound
-    by_name = {update.name: update for update in result.updates.all}
-    updates = [by_name[tasking.sortie.name] for tasking in rounds.tasked]
+    updates = plans.updates_of(result, [tasking.sortie for tasking in rounds.tasked])
     missed = np.prod([1 - np.asarray(update.pos) for update in updates], axis=0)
     alive, ashore, so_far = 0.0, 0.0, 1.0
     for update in updates:
@@ -284,34 +285,21 @@ def _report_progress(tell: ProgressCallback, number: int, rounds: int, share: fl
 def _name_sortie(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
     """Return a tasking of a round whose sortie has a unique name."""
     name = f"{tasking.unit.name}, planned" + (f" {number}" if rounds > 1 else "")
-    while name in {sortie.name for sortie in case.sorties}:
-        name += " again"
+    name = plans.sortie_name(case, name)
     return replace(
         tasking, round=number, sortie=replace(tasking.sortie, name=name, ashore=case.plan.ashore)
     )
 
 
 def _with_sorties_flown(case: Case, tasked: Sequence[Tasking]) -> Case:
-    """Return a case in which a plan's sorties have been flown, up to the plan's end.
-
-    It has few outputs, because planners wait for it.
-    """
-    sorties = tuple(
-        sorted(
-            (*case.sorties, *(t.sortie for t in tasked)),
-            key=lambda sortie: (sortie.start, sortie.end),
-        )
-    )
+    """Return a case in which a plan's sorties have been flown, with an output for plan.png."""
     first = [tasking for tasking in tasked if tasking.round == 1]
     begin, end = (
         min(tasking.on_scene for tasking in first),
         max(tasking.off_scene for tasking in first),
     )
-    middle = begin + (end - begin) // 2  # what plan.png shows
-    outputs = np.unique(
-        np.array([case.start, case.plan.begin, middle, case.plan.until], "datetime64[s]")
-    )
-    return replace(case, sorties=sorties, outputs=outputs, end=case.plan.until)
+    sorties = [tasking.sortie for tasking in tasked]
+    return plans.with_sorties(case, sorties, [begin + (end - begin) // 2])
 
 
 def _units_after(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:
@@ -334,9 +322,3 @@ def _units_of_all_rounds(units: Sequence[Unit], rounds: int) -> list[Unit]:
     Their bound is valid for several rounds.
     """
     return [replace(unit, endurance=unit.endurance * rounds) for unit in units]
-
-
-def ahead(plan: Plan) -> Planned:
-    """Return the sorties of a plan, which are still to be flown."""
-    names = frozenset(tasking.sortie.name for tasking in plan.taskings)
-    return Planned(names, max(tasking.off_scene for tasking in plan.taskings))

@@ -98,7 +98,7 @@ def order(tracks: Tracks) -> Array:
     x, y = plane(tracks).flat(
         *(v[tracks.bins // 2] * sphere.UNIT for v in (tracks.lon, tracks.lat))
     )
-    return np.lexsort((morton(x, y, *square(x, y)), tracks.scenario))
+    return np.lexsort((_morton(x, y, *square(x, y)), tracks.scenario))
 
 
 def sort(tracks: Tracks) -> Tracks:
@@ -164,7 +164,7 @@ def square(x: Array, y: Array) -> tuple[float, float, float]:
     return float(x.max() + x.min() - side) / 2, float(y.max() + y.min() - side) / 2, side
 
 
-def morton(x: Array, y: Array, west: float, south: float, side: float) -> Array:
+def _morton(x: Array, y: Array, west: float, south: float, side: float) -> Array:
     """Return positions (int64) of points [m] along Morton's curve of a square [m]."""
     code = np.zeros(np.shape(x), np.int64)
     for shift, share in enumerate(((x - west) / side, (y - south) / side)):

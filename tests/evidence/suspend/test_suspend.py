@@ -22,6 +22,7 @@ from drift.evidence.suspend import decision, further
 from drift.evidence.suspend import map as suspend_map
 from drift.evidence.suspend import text as suspend_text
 from drift.pipeline import flow
+from drift.products.files import text_sheet
 from drift.products.maps import page
 from drift.products.maps.imprint import Imprint
 from geo import notation
@@ -397,7 +398,7 @@ def test_a_day_like_the_last_one(small: tuple[drift.Result, decision.Suspension,
     )
     assert one.alive < one.pos
     text = (out / "suspend.txt").read_text()
-    assert max(map(len, text.splitlines())) <= suspend_text.WIDE
+    assert max(map(len, text.splitlines())) <= text_sheet.WIDE
     assert text.isascii()
     for word in (
         "western third",

@@ -8,7 +8,7 @@ import pytest
 
 from drift.planning.arrays import processing, processing_text, records
 from drift.planning.arrays.records import Allocation, Hearing, Names
-from drift.products.files import formats
+from drift.products.files import formats, text_sheet
 
 # Two arrays of two beams; a target on the left is heard by the first beam of each, one on the right
 # by the second.
@@ -41,7 +41,7 @@ def test_the_table_says_what_is_processed_and_what_it_is_worth() -> None:
     # 3 * (1 - 0.5 * 0.75) = 1.875 of 4
     assert "the same beams all the time: 0.469, 0.056 less" in text
     assert "SOSUS west north at 010600ZJUN26 (0.0938)" in " ".join(text.split())  # 0.375 / 4
-    assert max(map(len, text.splitlines())) <= processing_text.WIDE
+    assert max(map(len, text.splitlines())) <= text_sheet.WIDE
 
 
 def test_rows_are_for_programs_and_no_spreadsheet_runs_them() -> None:

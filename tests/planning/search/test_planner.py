@@ -11,6 +11,7 @@ import pytest
 from plans import few_trials  # noqa: F401 (a fixture)
 
 import drift
+from drift.evidence.suspend.further import Planned
 from drift.pipeline import flow
 from drift.planning.search import planner
 from drift.planning.search.products import files
@@ -155,7 +156,9 @@ def test_finding_alive_is_worth_less_than_finding(tmp_path: Path) -> None:
     made, result = planner.plan(case_of(tmp_path, objective="alive"))
     assert 0.05 < made.value < made.pos
     # the plan is still to come: told from the sortie before it on
-    told = flow.suspension_basis(result, planner.ahead(made))
+    told = flow.suspension_basis(
+        result, Planned(frozenset({made.taskings[0].sortie.name}), made.taskings[0].off_scene)
+    )
     assert told is not None
     assert told.now == np.datetime64("2026-06-01T07:00")
     assert [update.name for update, _ in told.sorties] == ["before"]

@@ -44,7 +44,7 @@ def sun(time: npt.ArrayLike) -> tuple[Array, Array]:
     return np.arcsin(np.sin(tilt) * np.sin(apparent)), ahead * (86_400 / (2 * np.pi))
 
 
-def elevation(time: npt.ArrayLike, lon: float, lat: float) -> Array:
+def _elevation(time: npt.ArrayLike, lon: float, lat: float) -> Array:
     """Return the sun's elevation [deg] without refraction.
 
     Args:
@@ -78,7 +78,7 @@ def windows(
     if end <= begin:
         return []
     time = np.linspace(begin, end, int(np.ceil((end - begin) / SAMPLE)) + 1)
-    above = elevation(time, lon, lat) - horizon
+    above = _elevation(time, lon, lat) - horizon
     up = above > 0
     turn = np.flatnonzero(up[1:] != up[:-1])
     at = time[turn] + (time[turn + 1] - time[turn]) * above[turn] / (above[turn] - above[turn + 1])

@@ -1,32 +1,16 @@
 """Output files of a search plan: text, routes, shapes, case tables, a map and unit sheets."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from drift.forecast.build import Forecast
+from drift.planning.plans import PlanOutputs
 from drift.planning.search.products import files as plan_files
 from drift.planning.search.products import report
 from drift.planning.search.products import text as plan_text
-from drift.planning.search.records import Plan
 from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
-from drift.products.maps.imprint import Setting
 from geo.box import Box
-
-
-@dataclass(frozen=True)
-class PlanOutputs:
-    """What the output files and pictures of a plan are made from."""
-
-    plan: Plan
-    forecast: Forecast  # given the plan's failure
-    setting: Setting
-    taken: Sequence[str]  # names of the case's own sorties
-    # returns the land polygons in a box [deg]; None: the case has no coast
-    land: Callable[[Box], Any] | None
-    synthetic: bool  # winds or currents are made up
 
 
 def _text(matter: PlanOutputs, stamped: Stamped) -> str:
@@ -46,7 +30,7 @@ def _map(matter: PlanOutputs, path: Path) -> None:
     """Draw plan.png."""
     from drift.planning.search.products import map as plan_map
 
-    plan_map.plot_plan(matter.forecast, matter.plan, path, matter.setting)
+    plan_map.plot_plan(matter.result.forecast, matter.plan, path, matter.setting)
 
 
 FILES: dict[str, Callable[[PlanOutputs, Stamped], Contents]] = {
@@ -62,32 +46,37 @@ FILES: dict[str, Callable[[PlanOutputs, Stamped], Contents]] = {
         "run_id": stamped["run_id"],
         **plan_files.plan_as_json(matter.plan),
     },
-    "plan.toml": lambda matter, stamped: plan_files.toml(matter.plan, matter.taken),
+    "plan.toml": lambda matter, stamped: plan_files.toml(
+        matter.plan, [sortie.name for sortie in matter.case.sorties]
+    ),
 }
 PICTURES: dict[str, Callable[[PlanOutputs, Path], None]] = {
     "plan.png": _map,
 }
 
 
-def chapter(matter: PlanOutputs) -> OutputBundle:
-    """Return the output files of a search plan."""
+def chapter(matter: PlanOutputs, land: Callable[[Box], Any] | None) -> OutputBundle:
+    """Return the output files of a search plan.
+
+    land: returns the land polygons in a box [deg]; None: the case has no coast.
+    """
     return OutputBundle(
         {},
         bind_outputs(FILES, matter),
-        bind_outputs(PICTURES, matter) | _sheets(matter),
+        bind_outputs(PICTURES, matter) | _sheets(matter, land),
         leaves=(partial(report.plan_leaves, matter.plan),),
         warnings=tuple(plan_text.rough(matter.plan)),
     )
 
 
-def _sheets(matter: PlanOutputs) -> dict[str, Callable[[Path], None]]:
+def _sheets(
+    matter: PlanOutputs, land: Callable[[Box], Any] | None
+) -> dict[str, Callable[[Path], None]]:
     """Return, by file name, the functions that draw unit sheets (plan-A-1.png and so on)."""
     from drift.planning.search.products import unit_sheet
 
     draw = partial(unit_sheet.plot_unit_sheet, matter.plan)
-    polygons = (
-        matter.land(unit_sheet.box(matter.plan)) if matter.land and matter.plan.taskings else ()
-    )
+    polygons = land(unit_sheet.box(matter.plan)) if land and matter.plan.taskings else ()
     return {
         name: partial(draw, which, imprint=matter.setting.imprint, number=number, polygons=polygons)
         for name, which, number in unit_sheet.pages(matter.plan)

@@ -384,3 +384,41 @@ def told(plan: Plan, *values: Array) -> tuple[list[str], list[list[float]]]:
     return shown.names(plan.scenarios), [
         shown.means(np.asarray(v, float), share).tolist() for v in values
     ]
+
+
+def plan_numbers(plan: Plan) -> dict[str, Any]:
+    """Return a plan for programs: positions and directions in degrees, the rest in SI units."""
+    return {
+        "objective": plan.spec.objective,
+        "value": plan.value,
+        "pos": plan.pos,
+        "pos_ashore": plan.pos_ashore,
+        "ashore": plan.ashore,
+        "pos_by_scenario": dict(scenario_pos(plan)),
+        "bound": plan.bound,
+        "idle": plan.idle,
+        "taskings": [
+            {
+                "area": name,
+                "unit": tasking.unit.name,
+                "round": tasking.round,
+                "takeoff": tasking.takeoff,
+                "on_scene": tasking.on_scene,
+                "off_scene": tasking.off_scene,
+                "home": tasking.home,
+                "centre": {"lon_deg": tasking.centre[0], "lat_deg": tasking.centre[1]},
+                "length_m": tasking.length,
+                "width_m": tasking.width,
+                "orientation_deg": np.degrees(tasking.orientation) % 360,
+                "pattern": tasking.manner.pattern,
+                "drift_m_s": drift(tasking),
+                "drift_toward_deg": np.degrees(toward(tasking)) % 360,
+                "creep_deg": np.degrees(tasking.creep) % 360,
+                "spacing_m": tasking.spacing,
+                "legs": tasking.legs,
+                "pos": tasking.pos,
+                "pos_ashore": tasking.pos_ashore,
+            }
+            for name, tasking in zip(names(plan), plan.taskings, strict=True)
+        ],
+    }

@@ -1,6 +1,5 @@
 """Search plan as text: the search action plan for crews and coordinators (IAMSAR Manual, Vol. II).
 
-It is plain ASCII of at most 78 columns except for names, because it goes by mail, telex or radio.
 Positions are degrees and decimal minutes, directions true, times date-time groups.
 """
 
@@ -13,10 +12,15 @@ import numpy as np
 from drift.forecast import effective
 from drift.planning.search.products import subareas
 from drift.planning.search.records import Plan, Tasking
+from drift.products.files.text_sheet import (
+    SYNTHETIC,
+    WIDE,
+    paragraph,
+    text_sheet,
+)
 from geo import notation, sphere
 from geo.notation import KNOT, NMI
 
-WIDE = 78
 FOOT = 0.3048  # [m]
 LABEL = 18
 LONG_WAIT = 0.5  # [h] wait from which its reason is given
@@ -48,58 +52,42 @@ def plan_text(
         synthetic: whether winds or currents are synthetic.
     """
     names = subareas.names(plan)
-    lines = [
-        "SEARCH ACTION PLAN",
-        *_fill(case_title, 0),
-        f"Run {run}. Times are UTC, directions true.",
-        "",
-    ]
-    for warning in warnings(plan, synthetic):
-        lines += [*_fill(f"WARNING: {warning}", 0), ""]
-    lines += [
-        "1  WORTH",
-        *_worth(plan, datum),
-        "",
-        "2  SEARCH AREAS",
-        *_table(plan, names),
-        "",
-        "3  TASKING",
-    ]
+    tasks: list[str] = []
     number = 0
     for name, tasking in zip(names, plan.taskings, strict=True):
         if tasking.round != number and plan.spec.rounds > 1:
             number = tasking.round
             later = ", planned as if all earlier rounds fail: plan again after they are flown"
-            lines += ["", *_fill(f"Round {number}{later if number > 1 else ''}", 3)]
-        lines += ["", *task(plan, name, tasking)]
-    if not plan.taskings:
-        lines += ["   none: no unit can search in this period"]
-    rest = [
+            tasks += ["", *paragraph(f"Round {number}{later if number > 1 else ''}", 3)]
+        tasks += ["", *task(plan, name, tasking)]
+    others = [("ALTERNATIVES, all on the planning particles", _alternatives(plan))]
+    remarks = (*notes, *_standard_notes(plan))
+    sections = [
+        ("WORTH", _worth(plan, datum)),
+        ("SEARCH AREAS", _table(plan, names)),
+        ("TASKING", tasks or ["   none: no unit can search in this period"]),
+        *others * bool(plan.alternatives),
         (
             "COORDINATION, COMMUNICATIONS, REPORTS",
             ["   to be filled in by the search mission coordinator"],
         ),
-        (
-            "NOTES",
-            [
-                line
-                for note in (*notes, *_standard_notes(plan))
-                for line in _fill(f"- {note}", 3, 5)
-            ],
-        ),
+        ("NOTES", [line for note in remarks for line in paragraph(f"- {note}", 3, 5)]),
     ]
-    if plan.alternatives:
-        rest.insert(0, ("ALTERNATIVES, all on the planning particles", _alternatives(plan)))
-    for section, (head, body) in enumerate(rest, 4):
-        lines += ["", f"{section}  {head}", *body]
-    return "\n".join(lines) + "\n"
+    return text_sheet(
+        "SEARCH ACTION PLAN",
+        case_title,
+        run,
+        sections,
+        warnings=warnings(plan, synthetic),
+        conventions="Times are UTC, directions true",
+    )
 
 
 def warnings(plan: Plan, synthetic: bool) -> list[str]:
     """Return the warnings at the head of a plan: limits of its use and reliability."""
     lines = []
     if synthetic:
-        lines.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
+        lines.append(SYNTHETIC)
     if plan.seen - plan.value > OPTIMISTIC:
         lines.append(
             f"overfitted: the plan scored {plan.seen:.3f} on the planning particles, {plan.value:.3f} on others. "
@@ -146,6 +134,38 @@ def worth(plan: Plan) -> str:
         return f"{value}; no bound: {plan.unbounded}" if plan.unbounded else value
     error = f" (+-{_up(2 * plan.bound_error, digits):.{digits}f})" if plan.bound_error > 0 else ""
     return f"{value}; estimated bound {_up(plan.bound, digits):.{digits}f}{error}"
+
+
+def plan_facts(plan: Plan) -> dict[str, str]:
+    """Return the value of a search plan and the task of each unit, for a terminal."""
+    facts = {"plan": worth(plan)}
+    facts |= {"ashore": words} if (words := stranded(plan)) else {}
+    for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
+        facts[f"{name} {tasking.unit.name}"] = (
+            f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {notation.position(*tasking.centre)}, "
+            f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {tasking.spacing / NMI:.2f} nmi apart, on scene {notation.format_dtg(tasking.on_scene)[:6]}Z to "
+            f"{notation.format_dtg(tasking.off_scene)[:6]}Z, POS {notation.percent(tasking.pos)}{_at_sea(tasking)}"
+        )
+    if plan.idle:
+        facts["not sent"] = ", ".join(plan.idle)
+    facts |= {f"boats {k}": words for k, words in enumerate(plan.said, 1)}
+    facts |= {f"warning {k}": words for k, words in enumerate(warnings(plan, synthetic=False), 1)}
+    if len(plan.scenarios) > 1:
+        facts |= {
+            f'POS if "{scenario}"': notation.percent(pos)
+            for scenario, pos in subareas.scenario_pos(plan)
+        }
+    return facts
+
+
+def _at_sea(tasking: Tasking) -> str:
+    """Return the sea distances of a boat, and which of its legs are cut at the coast."""
+    remarks = [
+        f"{name.lower()} {way / NMI:.1f} nmi by sea, {straight / NMI:.1f} straight"
+        for name, way, straight in subareas.by_sea(tasking)
+    ]
+    remarks += [f"legs {listed(tasking.cut)} cut at the coast"] * bool(tasking.cut)
+    return "".join(f", {words}" for words in remarks)
 
 
 def stranded(plan: Plan) -> str:
@@ -215,7 +235,9 @@ def _table(plan: Plan, names: Sequence[str]) -> list[str]:
         )
     return [
         *lines,
-        *_fill("POS: of each unit, conditional on the failure of those before it in this list", 3),
+        *paragraph(
+            "POS: of each unit, conditional on the failure of those before it in this list", 3
+        ),
     ]
 
 
@@ -382,7 +404,7 @@ def _alternatives(plan: Plan) -> list[str]:
             else f" (nearer to each other than {plan.spec.separation / NMI:.3g} nmi)"
         )
         beside = "this is the plan" if other.same else f"the plan is {gap} by {by}"
-        lines += _fill(f"{other.value:.3f}  {other.name}{near}; {beside}", 3, 10)
+        lines += paragraph(f"{other.value:.3f}  {other.name}{near}; {beside}", 3, 10)
     return lines
 
 
@@ -417,16 +439,6 @@ def _row(label: str, value: str, indent: int = 3) -> list[str]:
         break_long_words=False,
         fix_sentence_endings=False,
     ) or [start.rstrip()]
-
-
-def _fill(words: str, indent: int, hang: int | None = None) -> list[str]:
-    """Return a paragraph wrapped to the page width."""
-    return textwrap.wrap(
-        words,
-        WIDE,
-        initial_indent=" " * indent,
-        subsequent_indent=" " * (indent if hang is None else hang),
-    )
 
 
 def _both(angle: float) -> str:

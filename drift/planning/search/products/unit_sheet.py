@@ -28,6 +28,7 @@ from drift.planning.search.products import text as plan_text
 from drift.planning.search.products.map import BASE, POINT
 from drift.planning.search.products.subareas import Waypoint
 from drift.planning.search.records import Plan, Tasking
+from drift.products.files import text_sheet
 from drift.products.maps import chart, labels, page, sheet
 from drift.products.maps.chart import INK, Frame
 from drift.products.maps.imprint import Imprint
@@ -236,7 +237,7 @@ def _facts(figure: Figure, plan: Plan, name: str, tasking: Tasking) -> None:
     for words in plan.said:
         if words.startswith(f"{tasking.unit.name} "):
             wrapped = textwrap.wrap(
-                words.removeprefix(f"{tasking.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6
+                words.removeprefix(f"{tasking.unit.name} "), text_sheet.WIDE - plan_text.LABEL - 6
             )
             lines += [
                 f"{'' if k else 'Harbour':{plan_text.LABEL}}{line}"
