@@ -16,7 +16,7 @@ from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_o
 from drift.products.report import leaves
 from geo.array import Array
 
-HEADER = ["member", "name", "prior", "posterior", "lon", "lat", "run_id"]
+HEADER = ["member", "name", "prior", "posterior", "lon", "lat"]
 
 
 @dataclass(frozen=True)
@@ -64,17 +64,10 @@ def csv(members: Members, run: str) -> str:
     """Return the table of members as CSV; run: the run_id for the last column."""
     columns = zip(members.names, members.prior, members.posterior, members.place, strict=True)
     rows = [
-        [
-            k,
-            name,
-            f"{prior:.7g}",
-            f"{posterior:.7g}",
-            *("" if np.isnan(x) else f"{x:.5f}" for x in place),
-            run,
-        ]
+        [k, name, prior, posterior, *("" if np.isnan(x) else f"{x:.5f}" for x in place)]
         for k, (name, prior, posterior, place) in enumerate(columns, 1)
     ]
-    return formats.csv_text(HEADER, rows)
+    return formats.csv_text(HEADER, rows, run=run, digits=".7g")
 
 
 def summary_of_members(members: Members) -> dict[str, Any]:

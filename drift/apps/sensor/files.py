@@ -8,7 +8,6 @@ import xarray as xr
 from drift.apps.sensor.records import Reach
 from drift.products.files import formats
 from drift.products.files.chapter import Stamped
-from geo import notation
 from geo.notation import NMI
 
 EVERY = 10  # [deg] between bearings of the table
@@ -97,6 +96,7 @@ def reach_csv(found: Reach, stamped: Stamped) -> str:
                     f"{chance:.4f}",
                 ]
             )
-    head = ["bearing_deg", "range_nmi", "signal_excess_db", "pod", "sensor", "time", "run_id"]
-    constants = [found.question.sensor.name, notation.iso(found.question.time), stamped["run_id"]]
-    return formats.csv_text(head, [[*row, *constants] for row in rows])
+    head = ["bearing_deg", "range_nmi", "signal_excess_db", "pod", "sensor", "time"]
+    constants = [found.question.sensor.name, found.question.time]
+    every = [[*row, *constants] for row in rows]
+    return formats.csv_text(head, every, run=stamped["run_id"])

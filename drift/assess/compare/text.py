@@ -20,7 +20,6 @@ HEADER = [
     "standard_error",
     "given_a",
     "given_b",
-    "run_id",
 ]
 OUR_GRID = (
     # start of a warning that is not printed: the user did not choose the common grid
@@ -33,21 +32,19 @@ def comparison_csv(found: Contrast, run: str) -> str:
     """Return all figures as CSV, in SI; run: the run_id, for the last column."""
     rows = [
         [
-            notation.iso(row.time),
+            row.time,
             row.quantity,
             row.name,
             row.unit,
-            *map(_cell, (row.a, row.b, row.difference, row.error)),
+            row.a,
+            row.b,
+            row.difference,
+            row.error,
             *found.given,
-            run,
         ]
         for row in found.rows
     ]
-    return formats.csv_text(HEADER, rows)
-
-
-def _cell(value: float) -> str:
-    return f"{value:.9g}" if value == value else ""
+    return formats.csv_text(HEADER, rows, run=run, digits=".9g")
 
 
 def summary_of_comparison(found: Contrast) -> dict[str, Any]:

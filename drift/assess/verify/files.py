@@ -78,7 +78,6 @@ def verification_csv(result: Verification, run: str) -> str:
         "rank_across",
         "skill",
         "lost",
-        "run_id",
     ]
     rows = []
     columns = np.searchsorted(result.hours, result.leads)
@@ -106,10 +105,9 @@ def verification_csv(result: Verification, run: str) -> str:
                     *shares,
                     f"{result.skill[n]:.4f}",
                     f"{result.lost[n]:.4f}",
-                    run,
                 ]
             )
-    return formats.csv_text(header, rows)
+    return formats.csv_text(header, rows, run=run)
 
 
 def verification_dataset(result: Verification) -> xr.Dataset:

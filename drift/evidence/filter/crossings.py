@@ -26,7 +26,6 @@ HEADER = [
     "standard_error",
     *(f"first_{percent:02d}" for percent in PERCENTS),
     *(f"date_time_group_{percent:02d}" for percent in PERCENTS),
-    "run_id",
 ]
 
 
@@ -158,19 +157,18 @@ def csv(crossings: Crossings | None, run: str) -> str:
     assert crossings is not None
     for crossing in crossings.all:
         for row, scenario in enumerate([*crossings.scenarios, ALL]):
-            times = [None if np.isnat(time) else time for time in crossing.first[row]]
+            times = crossing.first[row]
             rows.append(
                 [
                     crossing.line.name,
                     scenario,
-                    f"{crossing.probability[row]:.6g}",
+                    crossing.probability[row],
                     f"{crossing.error[row]:.2g}",
-                    *("" if time is None else notation.iso(time) for time in times),
-                    *("" if time is None else notation.format_dtg(time) for time in times),
-                    run,
+                    *times,
+                    *("" if np.isnat(time) else notation.format_dtg(time) for time in times),
                 ]
             )
-    return formats.csv_text(HEADER, rows)
+    return formats.csv_text(HEADER, rows, run=run, digits=".6g")
 
 
 def summary_of_crossings(crossings: Crossings) -> list[dict[str, Any]]:

@@ -92,18 +92,10 @@ def csv(ranking: Ranking, run: str) -> str:
         place = families[k]
         figures = (ranking.prior[k], ranking.posterior[k], factor[k], total)
         values = [axis.axis.labels[axis.number[k]] if axis.number[k] >= 0 else "" for axis in axes]
-        cells = [_text(value) for value in figures]
-        rows.append(
-            [
-                rank,
-                ranking.posteriors.scenarios[k],
-                place.family.name if place else "",
-                *cells,
-                *values,
-                run,
-            ]
-        )
-    return formats.csv_text([*HEADER, *(AXIS + axis.axis.name for axis in axes), "run_id"], rows)
+        name, of_family = ranking.posteriors.scenarios[k], place.family.name if place else ""
+        rows.append([rank, name, of_family, *figures, *values])
+    header = [*HEADER, *(AXIS + axis.axis.name for axis in axes)]
+    return formats.csv_text(header, rows, run=run, digits=".7g")
 
 
 def summary_of_ranking(ranking: Ranking) -> dict[str, Any]:

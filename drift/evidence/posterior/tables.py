@@ -30,7 +30,6 @@ HEADER = [
     "std",
     *QUANTILES,
     "ess",
-    "run_id",
 ]
 HOUR = 3600.0
 # a scenario below this probability at all stages has no rows of its own
@@ -54,17 +53,15 @@ def csv(posteriors: Posteriors, run: str) -> str:
             stage.number,
             stage.name,
             stage.kind,
-            notation.iso(stage.time),
+            stage.time,
             notation.format_dtg(stage.time),
         ]
         for k, told in enumerate(posteriors.told):
             for row, scenario in _scenarios(posteriors, k):
                 cells = _cells(posteriors, told, stage.marginals[k], row)
                 what = [told.quantity.name, unit(told), scenario]
-                rows += [
-                    [*head, *what, *own, _text(stage.marginals[k].ess[row]), run] for own in cells
-                ]
-    return formats.csv_text(HEADER, rows)
+                rows += [[*head, *what, *own, stage.marginals[k].ess[row]] for own in cells]
+    return formats.csv_text(HEADER, rows, run=run, digits=".7g")
 
 
 def unit(told: RangedQuantity) -> str:
@@ -88,7 +85,7 @@ def _scenarios(posteriors: Posteriors, k: int) -> list[tuple[int, str]]:
 
 def _cells(
     posteriors: Posteriors, told: RangedQuantity, found: Marginal, row: int
-) -> list[list[str]]:
+) -> list[list[Any]]:
     """Return value, share, mean, std and quantiles of a row of a marginal.
 
     A category has one such list per value.
@@ -97,7 +94,7 @@ def _cells(
         shares = zip(
             told.labels, found.table[-1 if told.quantity.by_scenario else row], strict=True
         )
-        return [[label, _text(share), *[""] * (2 + len(LEVELS))] for label, share in shares]
+        return [[label, share, *[""] * (2 + len(LEVELS))] for label, share in shares]
     assert found.mean is not None
     assert found.std is not None
     assert found.quantiles is not None
@@ -109,7 +106,7 @@ def _cells(
         if told.quantity.kind == "time"
         else found.std[row] * told.quantity.scale
     )
-    return [["", _text(found.share[row]), values[0], _text(std), *values[1:]]]
+    return [["", found.share[row], values[0], std, *values[1:]]]
 
 
 def written(posteriors: Posteriors, told: RangedQuantity, value: float) -> str:

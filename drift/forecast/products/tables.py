@@ -103,16 +103,15 @@ def track(forecast: Forecast, run: str) -> str:
         mean, datum = ((at[f"{n}_lon"].item(), at[f"{n}_lat"].item()) for n in ("mean", "datum"))
         rows.append(
             [
-                notation.iso(when),
+                when,
                 notation.format_dtg(when),
-                *_numbers(sphere.wrap_degrees(mean[0]), mean[1], form=".6f"),
-                notation.position(*mean) or "",
-                *_numbers(sphere.wrap_degrees(datum[0]), datum[1], form=".6f"),
-                notation.position(*datum) or "",
-                *_numbers(*(at["containment_area"].values / NMI**2), form=".6g"),
-                *_numbers(*at["status_probability"].values, form=".6f"),
-                *_numbers(*counts(data, i).values(), form=".6g"),
-                run,
+                *_decimals(sphere.wrap_degrees(mean[0]), mean[1]),
+                notation.position(*mean),
+                *_decimals(sphere.wrap_degrees(datum[0]), datum[1]),
+                notation.position(*datum),
+                *(at["containment_area"].values / NMI**2),
+                *_decimals(*at["status_probability"].values),
+                *counts(data, i).values(),
             ]
         )
     return formats.csv_text(
@@ -128,9 +127,10 @@ def track(forecast: Forecast, run: str) -> str:
             *(f"area_{share}_nmi2" for share in held),
             *(f"probability_{s}" for s in status),
             *counts(data, 0),
-            "run_id",
         ],
         rows,
+        run=run,
+        digits=".6g",
     )
 
 
@@ -152,27 +152,20 @@ def ashore(forecast: Forecast, run: str) -> str:
     row, column = np.unravel_index(cells, every.shape[1:])
     lon, lat = sphere.wrap_degrees(data["lon"].values)[column], data["lat"].values[row]
     times = [notation.iso(time) for time in data["time"].values]
-    many = f"{data['status_effective'].sel(status='ashore').values[-1]:.6g}"
+    many = data["status_effective"].sel(status="ashore").values[-1]
     rows = [
-        [f"{x:.6f}", f"{y:.6f}", notation.position(x, y), f"{share:.4g}", times[first], many, run]
+        [*_decimals(x, y), notation.position(x, y), f"{share:.4g}", times[first], many]
         for x, y, share, first in zip(
             lon.tolist(), lat.tolist(), last[cells].tolist(), half.tolist(), strict=True
         )
     ]
-    header = [
-        "lon",
-        "lat",
-        "position",
-        "probability_ashore",
-        "first_time",
-        "effective_particles",
-        "run_id",
-    ]
-    return formats.csv_text(header, rows)
+    header = ["lon", "lat", "position", "probability_ashore", "first_time", "effective_particles"]
+    return formats.csv_text(header, rows, run=run, digits=".6g")
 
 
-def _numbers(*values: float, form: str) -> list[str]:
-    return [format(value, form) if np.isfinite(value) else "" for value in values]
+def _decimals(*values: float) -> list[str]:
+    """Return degrees or shares to six decimals; "" if they are unknown."""
+    return [f"{value:.6f}" if np.isfinite(value) else "" for value in values]
 
 
 def contours(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from drift.products.files import formats
 from drift.products.files.text_sheet import paragraph, text_sheet
 from geo import notation
 
-HEADER = ("date_time_group", "time", "end", "processor", "array", "beam", "gain", "heard", "run_id")
+HEADER = ("date_time_group", "time", "end", "processor", "array", "beam", "gain", "heard")
 SHOWN = 8  # most slots printed in a terminal
 BEST_LEFT = 3  # best unprocessed beams that are listed
 
@@ -79,7 +79,6 @@ def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str
     """
     rows: list[list[Any]] = []
     for slot, row in enumerate(allocation.processing.tolist()):
-        edges = [notation.iso(edge) for edge in names.edges[slot : slot + 2]]
         heard = _share_of(float(allocation.by_slot[slot]), allocation)
         for processor, beam in enumerate(row):
             if beam >= 0:
@@ -89,8 +88,8 @@ def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str
                     names.arrays[hearing.array[beam]],
                     names.beams[beam],
                 ]
-                rows.append([names.begins(slot), *edges, *what, f"{gain:.6g}", f"{heard:.6g}", run])
-    return formats.csv_text(list(HEADER), rows)
+                rows.append([names.begins(slot), *names.edges[slot : slot + 2], *what, gain, heard])
+    return formats.csv_text(HEADER, rows, run=run, digits=".6g")
 
 
 def summary_of_processing(allocation: Allocation, hearing: Hearing, names: Names) -> dict[str, Any]:

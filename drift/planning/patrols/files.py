@@ -31,7 +31,6 @@ HEADER = (
     "found",
     "found_se",
     "effective_worlds",
-    "run_id",
 )
 
 
@@ -46,7 +45,6 @@ LEFT_OUT = (
     "length_km",
     "lying",
     "effective_worlds",
-    "run_id",
 )
 LONGEST = 4  # most stretches named in a warning
 
@@ -146,37 +144,52 @@ def too_long(plan: PatrolPlan, after: SpillResult, *, most: int = LONGEST) -> li
 
 def left_out(plan: PatrolPlan, after: SpillResult, run: str) -> str:
     """Return a CSV row for each stretch that is longer than the team's daily length."""
-    segments, rows = after.segments, []
-    for row in plan.left_out:
-        s = row.segment
-        place = notation.position(float(segments.lon[s]), float(segments.lat[s])) or ""
-        figures = float(segments.length[s]) / 1000, row.lying, after.posterior.effective
-        about = [
+    worlds = after.posterior.effective
+    rows = [
+        [
             row.team.name,
             f"{row.team.length / 1000:g}",
-            s,
-            segments.id[s],
-            segments.name[s],
-            place,
-            segments.access[s],
+            *_stretch(after, row.segment).values(),
+            row.lying,
+            worlds,
         ]
-        rows.append([*about, *(f"{value:.6g}" for value in figures), run])
-    return formats.csv_text(list(LEFT_OUT), rows)
+        for row in plan.left_out
+    ]
+    return formats.csv_text(LEFT_OUT, rows, run=run, digits=".6g")
 
 
 def csv(plan: PatrolPlan, after: SpillResult, run: str) -> str:
     """Return a CSV row for each visit, by time and team."""
-    segments, rows = after.segments, []
-    for slot, visits in patrol_planner.by_patrol(plan):
-        for visit in visits:
-            s = visit.segment
-            place = notation.position(float(segments.lon[s]), float(segments.lat[s])) or ""
-            length = float(segments.length[s]) / 1000
-            figures = [length, visit.lying, visit.found, visit.error, after.posterior.effective]
-            when = [notation.format_dtg(slot.when), notation.iso(slot.when), slot.team.name]
-            where = [s, segments.id[s], segments.name[s], place, segments.access[s]]
-            rows.append([*when, *where, *(f"{value:.6g}" for value in figures), run])
-    return formats.csv_text(list(HEADER), rows)
+    worlds = after.posterior.effective
+    rows = [
+        [
+            notation.format_dtg(slot.when),
+            slot.when,
+            slot.team.name,
+            *_stretch(after, visit.segment).values(),
+            visit.lying,
+            visit.found,
+            visit.error,
+            worlds,
+        ]
+        for slot, visits in patrol_planner.by_patrol(plan)
+        for visit in visits
+    ]
+    return formats.csv_text(HEADER, rows, run=run, digits=".6g")
+
+
+def _stretch(after: SpillResult, number: int) -> dict[str, Any]:
+    """Return what all files say of a stretch, by the names of their columns."""
+    segments = after.segments
+    lon, lat = float(segments.lon[number]), float(segments.lat[number])
+    return {
+        "segment": number,
+        "stretch_id": segments.id[number],
+        "stretch": segments.name[number],
+        "position": notation.position(lon, lat) or "",
+        "access": segments.access[number],
+        "length_km": float(segments.length[number]) / 1000,
+    }
 
 
 def toml(plan: PatrolPlan, after: SpillResult) -> str:
@@ -215,11 +228,8 @@ def lines(plan: PatrolPlan, after: SpillResult, attributes: Mapping[str, Any]) -
             properties = {
                 "patrol_unit": slot.team.name,
                 "time": notation.iso(slot.when),
-                "segment": s,
-                "stretch_id": segments.id[s],
+                **_stretch(after, s),
                 "stretch": washup_tables.stretch_with_town(segments, s),
-                "position": notation.position(float(segments.lon[s]), float(segments.lat[s])) or "",
-                "access": segments.access[s],
                 "length_km": float(f"{segments.length[s] / 1000:.6g}"),
                 "detection": slot.team.detection,
                 "lying": float(f"{visit.lying:.6g}"),

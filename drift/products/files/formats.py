@@ -5,7 +5,7 @@ import hashlib
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -72,18 +72,41 @@ def inputs(files: Iterable[str]) -> dict[str, str]:
     return {"inputs": listed} if listed else {}
 
 
-def csv_text(header: list[str], rows: list[list[Any]]) -> str:
+def csv_text(
+    header: Sequence[str], rows: Iterable[Sequence[Any]], *, run: str = "", digits: str = ""
+) -> str:
     """Return a table as CSV that a spreadsheet shows and does not execute.
 
     All CSV files of drift are made here. A text that a spreadsheet would read as a formula gets an
     apostrophe in front (OWASP, CSV injection). Numbers, also negative ones, stay so. Line breaks
     inside a cell become spaces, as many readers split there.
+
+    Args:
+        header: names of the columns.
+        rows: values of each row. None is an empty cell, a time ISO 8601, a truth value yes or no.
+        run: the run_id, for a last column; "": without that column.
+        digits: format of floating-point numbers, such as ".6g", those that are not finite being
+            empty cells; "": as they are.
     """
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(
-        [map(_safe_cell, row) for row in (header, *rows)]
-    )
+    text, last = io.StringIO(), ([run] if run else [])
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*map(_safe_cell, header), *(["run_id"] if run else [])])
+    for row in rows:
+        writer.writerow([*(_safe_cell(_written(value, digits)) for value in row), *last])
     return text.getvalue()
+
+
+def _written(value: Any, digits: str) -> Any:
+    """Return a value as its cell shows it; digits: as of `csv_text`."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (float, np.floating)):
+        return value if not digits else format(value, digits) if np.isfinite(value) else ""
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, np.datetime64):
+        return "" if np.isnat(value) else notation.iso(value)
+    return value
 
 
 def _safe_cell(value: Any) -> Any:

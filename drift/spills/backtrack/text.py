@@ -45,12 +45,8 @@ def origin_facts(row: Row) -> dict[str, str]:
 
 def origin_csv(row: Row, run: str) -> str:
     """Return the figures as CSV: positions to 1 cm, the others to six digits."""
-    cells = [value if isinstance(value, str) else _cell(name, value) for name, value in row.items()]
-    return formats.csv_text([*row, "run_id"], [[*cells, run]])
-
-
-def _cell(name: str, value: float) -> str:
-    return f"{round(value, DIGITS):.10g}" if name in ("lon_deg", "lat_deg") else f"{value:.6g}"
+    place = {name: f"{round(float(row[name]), DIGITS):.10g}" for name in ("lon_deg", "lat_deg")}
+    return formats.csv_text(list(row), [[*{**row, **place}.values()]], run=run, digits=".6g")
 
 
 def _group(iso: float | str) -> str:

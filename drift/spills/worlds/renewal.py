@@ -304,7 +304,7 @@ def summary_of_spill(after: SpillResult) -> dict[str, Any]:
 
 
 def rows_of_finds(after: SpillResult) -> list[verdict.Row]:
-    """Return the row of each find (drift.spills.worlds.verdict.COLUMNS), in order of time."""
+    """Return the row of each find (drift.spills.worlds.verdict.find_rows), in order of time."""
     return verdict.find_rows(after.spill, after.segments, after.posterior, after.surprises)
 
 

@@ -109,16 +109,14 @@ def unknowns_csv(rows: dict[str, Any], worlds: float, run: str) -> str:
         "unit",
         *(f"{when}_{figure}" for when in ("prior", "posterior") for figure in figures),
         "effective_worlds",
-        "run_id",
     ]
     lines = [
         [
             name,
             row["unit"],
-            *(f"{row[when][figure]:.6g}" for when in ("prior", "posterior") for figure in figures),
-            f"{worlds:.6g}",
-            run,
+            *(row[when][figure] for when in ("prior", "posterior") for figure in figures),
+            worlds,
         ]
         for name, row in rows.items()
     ]
-    return formats.csv_text(header, lines)
+    return formats.csv_text(header, lines, run=run, digits=".6g")

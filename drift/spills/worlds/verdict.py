@@ -15,24 +15,6 @@ from geo import notation, sphere
 from geo.coast.segments import Segments
 
 ODD = 0.02  # tail probability below which a find is called odd
-COLUMNS = (
-    "number",
-    "name",
-    "time",
-    "not_later_than",
-    "lon_deg",
-    "lat_deg",
-    "position",
-    "stretch",
-    "segment",
-    "class",
-    "by",
-    "false",
-    "probability_beforehand",
-    "tail",
-    "odd",
-    "none_of_ours",
-)
 
 Row = dict[str, Any]
 
@@ -40,7 +22,7 @@ Row = dict[str, Any]
 def find_rows(
     spill: Spill, segments: Segments, posterior: Posterior, surprises: Sequence[Surprise]
 ) -> list[Row]:
-    """Return a row of COLUMNS for each find, in order of time; numbers are as in the case."""
+    """Return a row of figures for each find, in order of time; numbers are as in the case."""
     known = posterior.known.finds
     return [
         _row(number, spill, segments, surprise, float(posterior.unrelated[number]))
@@ -112,16 +94,8 @@ def finds_csv(told: Sequence[Row], worlds: float, run: str) -> str:
     Returns:
         The text of finds.csv.
     """
-    lines = [[*(_cell(row[name]) for name in COLUMNS), f"{worlds:.6g}", run] for row in told]
-    return formats.csv_text([*COLUMNS, "effective_worlds", "run_id"], lines)
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, np.datetime64):
-        return notation.iso(value)
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+    lines = [[*row.values(), worlds] for row in told]
+    return formats.csv_text([*told[0], "effective_worlds"], lines, run=run, digits=".6g")
 
 
 def false_find_in_words(row: Row) -> str:

@@ -51,6 +51,20 @@ def test_other_texts_stay_as_they_are(text: str) -> None:
     assert cells([[text, "x"]]) == [[text, "x"]]
 
 
+def test_values_are_written_by_one_rule() -> None:
+    """Digits for numbers, empty cells for what is unknown, ISO 8601, yes and no; then the run_id."""
+    times = [np.datetime64("2026-11-21T18:30:00"), np.datetime64("NaT", "s")]
+    row = [3, 2 / 3, np.float32(0.25), np.nan, np.inf, None, True, np.bool_(False), *times, "x"]
+    names = [f"c{k}" for k in range(len(row))]
+    head, cells = csv.reader(
+        io.StringIO(formats.csv_text(names, [row], run="abc-s1", digits=".3g"))
+    )
+    assert head == [*names, "run_id"]
+    day = "2026-11-21T18:30:00Z"
+    assert cells == ["3", "0.667", "0.25", "", "", "", "yes", "no", day, "", "x", "abc-s1"]
+    assert formats.csv_text(["c"], [[np.inf]]) == "c\ninf\n"
+
+
 @given(
     st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False) | st.integers(),
     st.sampled_from(["", ".6f", ".8g", "+.3e"]),

@@ -49,7 +49,6 @@ HEADER = [
     "ess_resampled",
     "filled",
     "distinct",
-    "run_id",
 ]
 
 
@@ -84,23 +83,22 @@ def csv(updates: Updates, run: str) -> str:
                     update.name,
                     update.kind,
                     status.get(update.name, "") if update.kind == "sortie" else "",
-                    notation.iso(update.time),
+                    update.time,
                     notation.format_dtg(update.time),
                     scenario,
-                    *(_text(None if values is None else values[j]) for values in columns),
-                    _text(factors[j] if single else None),
-                    _text(before[j] if single else 1.0),
-                    _text(update.posterior[j] if single else 1.0),
-                    _text(update.ess_before),
-                    _text(update.ess_after),
-                    "yes" if update.resampled else "no",
-                    "" if update.ess_resampled is None else _text(update.ess_resampled),
+                    *(None if values is None else values[j] for values in columns),
+                    factors[j] if single else None,
+                    before[j] if single else 1.0,
+                    update.posterior[j] if single else 1.0,
+                    update.ess_before,
+                    update.ess_after,
+                    update.resampled,
+                    update.ess_resampled,
                     update.filled,
-                    _text(update.distinct),
-                    run,
+                    update.distinct,
                 ]
             )
-    return formats.csv_text(HEADER, rows)
+    return formats.csv_text(HEADER, rows, run=run, digits=".8g")
 
 
 def _statuses(updates: Updates) -> dict[str, str]:
@@ -330,8 +328,3 @@ def _sortie(
 
 def _finite(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def _text(value: Any) -> str:
-    """Return a number for CSV; empty if it is unknown or infinite."""
-    return "" if value is None or not np.isfinite(value) else f"{float(value):.8g}"

@@ -23,8 +23,8 @@ def washup_csv(data: xr.Dataset, run: str) -> str:
     start; an unknown value is empty.
     """
     columns = stretch_columns(data)
-    rows = [[*map(_text, row), run] for row in zip(*columns.values(), strict=True)]
-    return formats.csv_text([*columns, "run_id"], rows)
+    rows = zip(*columns.values(), strict=True)
+    return formats.csv_text(list(columns), rows, run=run, digits=".10g")
 
 
 def stretch_columns(data: xr.Dataset) -> Columns:
@@ -89,7 +89,7 @@ def stretch_with_town(segments: Segments, number: int) -> str:
 def washup_times_csv(data: xr.Dataset, run: str) -> str:
     """Return the stretches with any arrival so far at each output time, worst first, as CSV."""
     rows: list[list[Any]] = []
-    header, worlds = [*_figures(data.isel(time=0)), "effective_worlds"], _text(_worlds(data))
+    header, worlds = [*_figures(data.isel(time=0)), "effective_worlds"], _worlds(data)
     for t, when in enumerate(data["time"].values):
         order = washup.worst_stretches(data, time=t)
         order = order[data["arrived"].values[t, order] > 0]
@@ -97,10 +97,10 @@ def washup_times_csv(data: xr.Dataset, run: str) -> str:
         names = at["segment"].values, at["name"].values
         moment = [notation.iso(when), notation.format_dtg(when)]
         rows += [
-            [*moment, *row[:2], *map(_text, row[2:]), worlds, run]
-            for row in zip(*names, *_figures(at).values(), strict=True)
+            [*moment, *row, worlds] for row in zip(*names, *_figures(at).values(), strict=True)
         ]
-    return formats.csv_text(["time", "date_time_group", "segment", "name", *header, "run_id"], rows)
+    header = ["time", "date_time_group", "segment", "name", *header]
+    return formats.csv_text(header, rows, run=run, digits=".10g")
 
 
 def totals_csv(data: xr.Dataset, run: str) -> str:
@@ -109,15 +109,14 @@ def totals_csv(data: xr.Dataset, run: str) -> str:
         [_significant(data[name + end].values) for end in ("", "_se")]
         for name in ("total", "total_number")
     )
-    figures, worlds = [*mean, *number[0], *number[1]], _text(_worlds(data))
+    figures, worlds = [*mean, *number[0], *number[1]], _worlds(data)
     rows = [
         [
             notation.iso(when),
             notation.format_dtg(when),
             fate,
-            *(_text(values[f, t]) for values in figures),
+            *(values[f, t] for values in figures),
             worlds,
-            run,
         ]
         for t, when in enumerate(data["time"].values)
         for f, fate in enumerate(data["fate"].values)
@@ -131,9 +130,8 @@ def totals_csv(data: xr.Dataset, run: str) -> str:
         "expected_se",
         *quantiles,
         "effective_worlds",
-        "run_id",
     ]
-    return formats.csv_text(header, rows)
+    return formats.csv_text(header, rows, run=run, digits=".10g")
 
 
 def washup_geojson(
@@ -188,10 +186,3 @@ def _number(value: Any) -> Any:
     if isinstance(value, float):
         return float(value) if np.isfinite(value) else None
     return int(value) if isinstance(value, np.integer) else str(value)
-
-
-def _text(value: Any) -> str:
-    """Return a value for CSV: empty if unknown."""
-    if isinstance(value, float):
-        return f"{value:.10g}" if np.isfinite(value) else ""
-    return str(value)
