@@ -16,8 +16,6 @@ from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_o
 from drift.products.report import leaves
 from geo.array import Array
 
-HEADER = ["member", "name", "prior", "posterior", "lon", "lat"]
-
 
 @dataclass(frozen=True)
 class Members:
@@ -64,10 +62,17 @@ def csv(members: Members, run: str) -> str:
     """Return the table of members as CSV; run: the run_id for the last column."""
     columns = zip(members.names, members.prior, members.posterior, members.place, strict=True)
     rows = [
-        [k, name, prior, posterior, *("" if np.isnan(x) else f"{x:.5f}" for x in place)]
-        for k, (name, prior, posterior, place) in enumerate(columns, 1)
+        {
+            "member": k,
+            "name": name,
+            "prior": prior,
+            "posterior": posterior,
+            "lon": "" if np.isnan(lon) else f"{lon:.5f}",
+            "lat": "" if np.isnan(lat) else f"{lat:.5f}",
+        }
+        for k, (name, prior, posterior, (lon, lat)) in enumerate(columns, 1)
     ]
-    return formats.csv_text(HEADER, rows, run=run, digits=".7g")
+    return formats.csv_rows(rows, run=run, digits=".7g")
 
 
 def summary_of_members(members: Members) -> dict[str, Any]:

@@ -31,34 +31,25 @@ def path_table(found: Regained) -> str:
     lon, lat = path.degrees(path_found.place)
     course = np.degrees(path.course(path_found.place[:-1], path_found.way)) % 360
     speed = path_found.rate * sphere.RADIUS / KNOT
-    header = [
-        "time",
-        "lat",
-        "lon",
-        "course_deg",
-        "speed_kn",
-        "within_reach_percent",
-        "of_another_cloud_percent",
-        "planned",
-    ]
-    rows: list[list[Any]] = []
+    rows: list[dict[str, Any]] = []
     for k, time in enumerate(path_found.time):
         last = k == len(speed)
+        met, judged = (share[min(k, len(share) - 1)] for share in (chased.found.met, chased.judged))
         rows.append(
-            [
-                notation.iso(text.moment(found, time)),
-                f"{lat[k]:.4f}",
-                f"{lon[k]:.4f}",
-                "" if last or speed[k] < 0.05 else f"{round(float(course[k])) % 360:03d}",
-                "" if last else f"{speed[k]:.1f}",
-                *(
-                    _percent(share[min(k, len(share) - 1)])
-                    for share in (chased.found.met, chased.judged)
-                ),
-                "yes" if k in chased.found.plans else "no",
-            ]
+            {
+                "time": text.moment(found, time),
+                "lat": f"{lat[k]:.4f}",
+                "lon": f"{lon[k]:.4f}",
+                "course_deg": ""
+                if last or speed[k] < 0.05
+                else f"{round(float(course[k])) % 360:03d}",
+                "speed_kn": "" if last else f"{speed[k]:.1f}",
+                "within_reach_percent": _percent(met),
+                "of_another_cloud_percent": _percent(judged),
+                "planned": k in chased.found.plans,
+            }
         )
-    return formats.csv_text(header, rows)
+    return formats.csv_rows(rows)
 
 
 def path_gpx(found: Regained, run: str) -> str:
@@ -80,51 +71,35 @@ def path_gpx(found: Regained, run: str) -> str:
 def track_csv(found: Regained) -> str:
     """Return the estimated track as CSV, a row per detection and time shown."""
     held = found.held
-    sized = [f"area_{notation.hundredths(share)}_nmi2" for share in holding.SHARES]
-    header = [
-        "time",
-        "detection",
-        "left_percent",
-        "lat",
-        "lon",
-        "course_deg",
-        "course_spread_deg",
-        "speed_kn",
-        "speed_std_kn",
-        "particles",
-        "within_percent",
-        *sized,
-    ]
     lon, lat = path.degrees(held.place)
-    rows: list[list[Any]] = []
+    rows: list[dict[str, Any]] = []
     for k, regions in enumerate(held.areas):
-        numbers = [
-            lat[k],
-            lon[k],
-            np.degrees(held.course[k]) % 360,
-            np.degrees(held.off[k]),
-            held.speed[k] / KNOT,
-            held.slower[k] / KNOT,
-        ]
+        numbers = {
+            "lat": f"{lat[k]:.4f}",
+            "lon": f"{lon[k]:.4f}",
+            "course_deg": f"{np.degrees(held.course[k]) % 360:.1f}",
+            "course_spread_deg": f"{np.degrees(held.off[k]):.1f}",
+            "speed_kn": f"{held.speed[k] / KNOT:.1f}",
+            "speed_std_kn": f"{held.slower[k] / KNOT:.1f}",
+        }
         inside = "none" if np.isnan(held.within[k]) else notation.hundredths(held.within[k])
         rows.append(
-            [
-                notation.iso(text.moment(found, held.time[k])),
-                "yes" if held.detected[k] else "no",
-                _percent(held.left[k] if held.detected[k] else np.nan),
-                *(
-                    f"{v:.{d}f}" if regions else ""
-                    for v, d in zip(numbers, (4, 4, 1, 1, 1, 1), strict=True)
-                ),
-                int(held.count[k]) if regions else 0,
-                inside if regions else "",
-                *(
-                    f"{regions[share].area / NMI**2:.4g}" if regions else ""
+            {
+                "time": text.moment(found, held.time[k]),
+                "detection": bool(held.detected[k]),
+                "left_percent": _percent(held.left[k] if held.detected[k] else np.nan),
+                **(numbers if regions else dict.fromkeys(numbers, "")),
+                "particles": int(held.count[k]) if regions else 0,
+                "within_percent": inside if regions else "",
+                **{
+                    f"area_{notation.hundredths(share)}_nmi2": f"{regions[share].area / NMI**2:.4g}"
+                    if regions
+                    else ""
                     for share in holding.SHARES
-                ),
-            ]
+                },
+            }
         )
-    return formats.csv_text(header, rows)
+    return formats.csv_rows(rows)
 
 
 def gpx(found: Regained, run: str) -> str:

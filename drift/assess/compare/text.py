@@ -9,18 +9,6 @@ from drift.products.files import formats
 from geo import notation
 from geo.notation import NMI
 
-HEADER = [
-    "time_utc",
-    "quantity",
-    "name",
-    "unit",
-    "a",
-    "b",
-    "difference",
-    "standard_error",
-    "given_a",
-    "given_b",
-]
 OUR_GRID = (
     # start of a warning that is not printed: the user did not choose the common grid
     "output.grid: its cells are too coarse"
@@ -31,20 +19,21 @@ WORST = 10  # most stretches that are listed in the text
 def comparison_csv(found: Contrast, run: str) -> str:
     """Return all figures as CSV, in SI; run: the run_id, for the last column."""
     rows = [
-        [
-            row.time,
-            row.quantity,
-            row.name,
-            row.unit,
-            row.a,
-            row.b,
-            row.difference,
-            row.error,
-            *found.given,
-        ]
+        {
+            "time_utc": row.time,
+            "quantity": row.quantity,
+            "name": row.name,
+            "unit": row.unit,
+            "a": row.a,
+            "b": row.b,
+            "difference": row.difference,
+            "standard_error": row.error,
+            "given_a": found.given[0],
+            "given_b": found.given[1],
+        }
         for row in found.rows
     ]
-    return formats.csv_text(HEADER, rows, run=run, digits=".9g")
+    return formats.csv_rows(rows, run=run, digits=".9g")
 
 
 def summary_of_comparison(found: Contrast) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from drift.assess.verify import text as verification_text
 from drift.assess.verify.verification import Verification
 from drift.products.files import formats
 from drift.tracking.tracks.clusters import Estimate
-from geo import notation
 from geo.array import Array
 
 Variable = tuple[tuple[str, ...], Array, dict[str, str]]  # dimensions, values and attributes
@@ -61,53 +60,30 @@ def summary_of_verification(result: Verification) -> dict[str, Any]:
 
 def verification_csv(result: Verification, run: str) -> str:
     """Return a row for each forecast and lead as CSV; run: the run_id, for the last column."""
-    header = [
-        "drifter",
-        "start",
-        "lead_h",
-        "lon",
-        "lat",
-        "separation_m",
-        "persistence_m",
-        "way_m",
-        "spread_m",
-        "aground",
-        "ashore",
-        "containment",
-        "rank_along",
-        "rank_across",
-        "skill",
-        "lost",
-    ]
-    rows = []
     columns = np.searchsorted(result.hours, result.leads)
-    for n in range(result.skill.size):
-        for lead, k in enumerate(columns):
-            metres = [
-                f"{values[n, k]:.1f}"
-                for values in (result.apart, result.waiting, result.way, result.spread)
-            ]
-            shares = [
-                f"{values[n, lead]:.4f}"
-                for values in (result.containment, result.along, result.across)
-            ]
-            start = notation.iso(np.datetime64(int(result.start[n]), "s"))
-            rows.append(
-                [
-                    result.names[result.drifter[n]],
-                    start,
-                    f"{result.leads[lead]:g}",
-                    f"{result.lon[n, k]:.6f}",
-                    f"{result.lat[n, k]:.6f}",
-                    *metres,
-                    f"{result.aground[n, k]:d}",
-                    f"{result.ashore[n, k]:.4f}",
-                    *shares,
-                    f"{result.skill[n]:.4f}",
-                    f"{result.lost[n]:.4f}",
-                ]
-            )
-    return formats.csv_text(header, rows, run=run)
+    rows = [
+        {
+            "drifter": result.names[result.drifter[n]],
+            "start": np.datetime64(int(result.start[n]), "s"),
+            "lead_h": f"{result.leads[lead]:g}",
+            "lon": f"{result.lon[n, k]:.6f}",
+            "lat": f"{result.lat[n, k]:.6f}",
+            "separation_m": f"{result.apart[n, k]:.1f}",
+            "persistence_m": f"{result.waiting[n, k]:.1f}",
+            "way_m": f"{result.way[n, k]:.1f}",
+            "spread_m": f"{result.spread[n, k]:.1f}",
+            "aground": f"{result.aground[n, k]:d}",
+            "ashore": f"{result.ashore[n, k]:.4f}",
+            "containment": f"{result.containment[n, lead]:.4f}",
+            "rank_along": f"{result.along[n, lead]:.4f}",
+            "rank_across": f"{result.across[n, lead]:.4f}",
+            "skill": f"{result.skill[n]:.4f}",
+            "lost": f"{result.lost[n]:.4f}",
+        }
+        for n in range(result.skill.size)
+        for lead, k in enumerate(columns)
+    ]
+    return formats.csv_rows(rows, run=run)
 
 
 def verification_dataset(result: Verification) -> xr.Dataset:

@@ -19,14 +19,6 @@ ALL = "all"
 PERCENTS = (5, 50, 95)
 BINS = 240  # parts of the run, in which first crossings are counted
 PARTS = 10  # parts of each bin, for the resolution of percentiles
-HEADER = [
-    "line",
-    "scenario",
-    "probability",
-    "standard_error",
-    *(f"first_{percent:02d}" for percent in PERCENTS),
-    *(f"date_time_group_{percent:02d}" for percent in PERCENTS),
-]
 
 
 @dataclass(frozen=True)
@@ -157,18 +149,22 @@ def csv(crossings: Crossings | None, run: str) -> str:
     assert crossings is not None
     for crossing in crossings.all:
         for row, scenario in enumerate([*crossings.scenarios, ALL]):
-            times = crossing.first[row]
-            rows.append(
-                [
-                    crossing.line.name,
-                    scenario,
-                    crossing.probability[row],
-                    f"{crossing.error[row]:.2g}",
-                    *times,
-                    *("" if np.isnat(time) else notation.format_dtg(time) for time in times),
-                ]
-            )
-    return formats.csv_text(HEADER, rows, run=run, digits=".6g")
+            own: dict[str, Any] = {
+                "line": crossing.line.name,
+                "scenario": scenario,
+                "probability": crossing.probability[row],
+                "standard_error": f"{crossing.error[row]:.2g}",
+            }
+            times = dict(zip(PERCENTS, crossing.first[row], strict=True))
+            own |= {f"first_{percent:02d}": time for percent, time in times.items()}
+            own |= {
+                f"date_time_group_{percent:02d}": ""
+                if np.isnat(time)
+                else notation.format_dtg(time)
+                for percent, time in times.items()
+            }
+            rows.append(own)
+    return formats.csv_rows(rows, run=run, digits=".6g")
 
 
 def summary_of_crossings(crossings: Crossings) -> list[dict[str, Any]]:

@@ -18,7 +18,6 @@ from drift.forecast.likeliest import Shown
 from drift.products.files import formats
 from geo.array import Array
 
-HEADER = ["rank", "scenario", "family", "prior", "posterior", "factor", "cumulative"]
 AXIS = "axis "  # prefix of the column of an axis
 
 
@@ -90,12 +89,23 @@ def csv(ranking: Ranking, run: str) -> str:
         zip(order.tolist(), np.cumsum(ranking.posterior[order]), strict=True), 1
     ):
         place = families[k]
-        figures = (ranking.prior[k], ranking.posterior[k], factor[k], total)
-        values = [axis.axis.labels[axis.number[k]] if axis.number[k] >= 0 else "" for axis in axes]
-        name, of_family = ranking.posteriors.scenarios[k], place.family.name if place else ""
-        rows.append([rank, name, of_family, *figures, *values])
-    header = [*HEADER, *(AXIS + axis.axis.name for axis in axes)]
-    return formats.csv_text(header, rows, run=run, digits=".7g")
+        values = {
+            AXIS + axis.axis.name: axis.axis.labels[axis.number[k]] if axis.number[k] >= 0 else ""
+            for axis in axes
+        }
+        rows.append(
+            {
+                "rank": rank,
+                "scenario": ranking.posteriors.scenarios[k],
+                "family": place.family.name if place else "",
+                "prior": ranking.prior[k],
+                "posterior": ranking.posterior[k],
+                "factor": factor[k],
+                "cumulative": total,
+                **values,
+            }
+        )
+    return formats.csv_rows(rows, run=run, digits=".7g")
 
 
 def summary_of_ranking(ranking: Ranking) -> dict[str, Any]:

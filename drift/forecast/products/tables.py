@@ -94,44 +94,21 @@ def track(forecast: Forecast, run: str) -> str:
     column.
     """
     data = forecast.data
-    held = [notation.hundredths(share) for share in data["share"].values]
-    status = [str(s) for s in data["status"].values]
+    held = [f"area_{notation.hundredths(share)}_nmi2" for share in data["share"].values]
+    status = [f"probability_{name}" for name in data["status"].values]
     rows = []
     for i in range(data.sizes["time"]):
         at = data.isel(time=i)
         when = at["time"].values[()]
-        mean, datum = ((at[f"{n}_lon"].item(), at[f"{n}_lat"].item()) for n in ("mean", "datum"))
-        rows.append(
-            [
-                when,
-                notation.format_dtg(when),
-                *_decimals(sphere.wrap_degrees(mean[0]), mean[1]),
-                notation.position(*mean),
-                *_decimals(sphere.wrap_degrees(datum[0]), datum[1]),
-                notation.position(*datum),
-                *(at["containment_area"].values / NMI**2),
-                *_decimals(*at["status_probability"].values),
-                *counts(data, i).values(),
-            ]
-        )
-    return formats.csv_text(
-        [
-            "time",
-            "date_time_group",
-            "mean_lon",
-            "mean_lat",
-            "mean_position",
-            "datum_lon",
-            "datum_lat",
-            "datum_position",
-            *(f"area_{share}_nmi2" for share in held),
-            *(f"probability_{s}" for s in status),
-            *counts(data, 0),
-        ],
-        rows,
-        run=run,
-        digits=".6g",
-    )
+        row = {"time": when, "date_time_group": notation.format_dtg(when)}
+        for name in ("mean", "datum"):
+            lon, lat = at[f"{name}_lon"].item(), at[f"{name}_lat"].item()
+            row[f"{name}_lon"], row[f"{name}_lat"] = _decimals(sphere.wrap_degrees(lon), lat)
+            row[f"{name}_position"] = notation.position(lon, lat)
+        row |= zip(held, at["containment_area"].values / NMI**2, strict=True)
+        row |= zip(status, _decimals(*at["status_probability"].values), strict=True)
+        rows.append(row | counts(data, i))
+    return formats.csv_rows(rows, run=run, digits=".6g")
 
 
 def ashore(forecast: Forecast, run: str) -> str:

@@ -32,20 +32,6 @@ HEADER = (
     "found_se",
     "effective_worlds",
 )
-
-
-LEFT_OUT = (
-    "patrol_unit",
-    "day_km",
-    "segment",
-    "stretch_id",
-    "stretch",
-    "position",
-    "access",
-    "length_km",
-    "lying",
-    "effective_worlds",
-)
 LONGEST = 4  # most stretches named in a warning
 
 
@@ -144,18 +130,17 @@ def too_long(plan: PatrolPlan, after: SpillResult, *, most: int = LONGEST) -> li
 
 def left_out(plan: PatrolPlan, after: SpillResult, run: str) -> str:
     """Return a CSV row for each stretch that is longer than the team's daily length."""
-    worlds = after.posterior.effective
     rows = [
-        [
-            row.team.name,
-            f"{row.team.length / 1000:g}",
-            *_stretch(after, row.segment).values(),
-            row.lying,
-            worlds,
-        ]
+        {
+            "patrol_unit": row.team.name,
+            "day_km": f"{row.team.length / 1000:g}",
+            **_stretch(after, row.segment),
+            "lying": row.lying,
+            "effective_worlds": after.posterior.effective,
+        }
         for row in plan.left_out
     ]
-    return formats.csv_text(LEFT_OUT, rows, run=run, digits=".6g")
+    return formats.csv_rows(rows, run=run, digits=".6g")
 
 
 def csv(plan: PatrolPlan, after: SpillResult, run: str) -> str:

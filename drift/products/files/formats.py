@@ -96,6 +96,17 @@ def csv_text(
     return text.getvalue()
 
 
+def csv_rows(rows: Sequence[Mapping[str, Any]], *, run: str = "", digits: str = "") -> str:
+    """Return a table with at least one row as CSV, as `csv_text` does.
+
+    Args:
+        rows: values of each row by the names of its columns, the same names in every row.
+        run: as of `csv_text`.
+        digits: as of `csv_text`.
+    """
+    return csv_text(list(rows[0]), [list(row.values()) for row in rows], run=run, digits=digits)
+
+
 def _written(value: Any, digits: str) -> Any:
     """Return a value as its cell shows it; digits: as of `csv_text`."""
     if isinstance(value, str):

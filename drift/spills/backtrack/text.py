@@ -46,7 +46,7 @@ def origin_facts(row: Row) -> dict[str, str]:
 def origin_csv(row: Row, run: str) -> str:
     """Return the figures as CSV: positions to 1 cm, the others to six digits."""
     place = {name: f"{round(float(row[name]), DIGITS):.10g}" for name in ("lon_deg", "lat_deg")}
-    return formats.csv_text(list(row), [[*{**row, **place}.values()]], run=run, digits=".6g")
+    return formats.csv_rows([{**row, **place}], run=run, digits=".6g")
 
 
 def _group(iso: float | str) -> str:

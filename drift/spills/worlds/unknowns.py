@@ -104,19 +104,17 @@ def unknowns_csv(rows: dict[str, Any], worlds: float, run: str) -> str:
         The text of unknowns.csv.
     """
     figures = ("mean", *(f"{share:.0%}" for share in SHARES))
-    header = [
-        "unknown",
-        "unit",
-        *(f"{when}_{figure}" for when in ("prior", "posterior") for figure in figures),
-        "effective_worlds",
-    ]
     lines = [
-        [
-            name,
-            row["unit"],
-            *(row[when][figure] for when in ("prior", "posterior") for figure in figures),
-            worlds,
-        ]
+        {
+            "unknown": name,
+            "unit": row["unit"],
+            **{
+                f"{when}_{figure}": row[when][figure]
+                for when in ("prior", "posterior")
+                for figure in figures
+            },
+            "effective_worlds": worlds,
+        }
         for name, row in rows.items()
     ]
-    return formats.csv_text(header, lines, run=run, digits=".6g")
+    return formats.csv_rows(lines, run=run, digits=".6g")

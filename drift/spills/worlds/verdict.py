@@ -94,8 +94,8 @@ def finds_csv(told: Sequence[Row], worlds: float, run: str) -> str:
     Returns:
         The text of finds.csv.
     """
-    lines = [[*row.values(), worlds] for row in told]
-    return formats.csv_text([*told[0], "effective_worlds"], lines, run=run, digits=".6g")
+    lines = [{**row, "effective_worlds": worlds} for row in told]
+    return formats.csv_rows(lines, run=run, digits=".6g")
 
 
 def false_find_in_words(row: Row) -> str:

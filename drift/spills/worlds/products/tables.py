@@ -109,29 +109,24 @@ def totals_csv(data: xr.Dataset, run: str) -> str:
         [_significant(data[name + end].values) for end in ("", "_se")]
         for name in ("total", "total_number")
     )
-    figures, worlds = [*mean, *number[0], *number[1]], _worlds(data)
     rows = [
-        [
-            notation.iso(when),
-            notation.format_dtg(when),
-            fate,
-            *(values[f, t] for values in figures),
-            worlds,
-        ]
+        {
+            "time": when,
+            "date_time_group": notation.format_dtg(when),
+            "fate": fate,
+            "expected": mean[0][f, t],
+            "expected_se": mean[1][f, t],
+            **{
+                f"number_{share}{end}": values[q, f, t]
+                for end, values in zip(("", "_se"), number, strict=True)
+                for q, share in enumerate(_shares(data))
+            },
+            "effective_worlds": _worlds(data),
+        }
         for t, when in enumerate(data["time"].values)
         for f, fate in enumerate(data["fate"].values)
     ]
-    quantiles = [f"number_{share}{end}" for end in ("", "_se") for share in _shares(data)]
-    header = [
-        "time",
-        "date_time_group",
-        "fate",
-        "expected",
-        "expected_se",
-        *quantiles,
-        "effective_worlds",
-    ]
-    return formats.csv_text(header, rows, run=run, digits=".10g")
+    return formats.csv_rows(rows, run=run, digits=".10g")
 
 
 def washup_geojson(
