@@ -15,22 +15,6 @@ from geo import notation
 
 ALL = "all"
 QUANTILES = [f"q{100 * level:02.0f}" for level in LEVELS]
-HEADER = [
-    "update",
-    "name",
-    "kind",
-    "time",
-    "date_time_group",
-    "quantity",
-    "unit",
-    "scenario",
-    "value",
-    "share",
-    "mean",
-    "std",
-    *QUANTILES,
-    "ess",
-]
 HOUR = 3600.0
 # a scenario below this probability at all stages has no rows of its own
 LEAST = 0.01
@@ -47,21 +31,28 @@ def csv(posteriors: Posteriors, run: str) -> str:
         posteriors: of the run.
         run: the run_id for the last column.
     """
-    rows: list[list[Any]] = []
-    for stage in posteriors.stages:
-        head = [
-            stage.number,
-            stage.name,
-            stage.kind,
-            stage.time,
-            notation.format_dtg(stage.time),
-        ]
-        for k, told in enumerate(posteriors.told):
-            for row, scenario in _scenarios(posteriors, k):
-                cells = _cells(posteriors, told, stage.marginals[k], row)
-                what = [told.quantity.name, unit(told), scenario]
-                rows += [[*head, *what, *own, stage.marginals[k].ess[row]] for own in cells]
-    return formats.csv_text(HEADER, rows, run=run, digits=".7g")
+    return formats.csv_rows(
+        [
+            {
+                "update": stage.number,
+                "name": stage.name,
+                "kind": stage.kind,
+                "time": stage.time,
+                "date_time_group": notation.format_dtg(stage.time),
+                "quantity": told.quantity.name,
+                "unit": unit(told),
+                "scenario": scenario,
+                **cells,
+                "ess": stage.marginals[k].ess[row],
+            }
+            for stage in posteriors.stages
+            for k, told in enumerate(posteriors.told)
+            for row, scenario in _scenarios(posteriors, k)
+            for cells in _cells(posteriors, told, stage.marginals[k], row)
+        ],
+        run=run,
+        digits=".7g",
+    )
 
 
 def unit(told: RangedQuantity) -> str:
@@ -85,28 +76,35 @@ def _scenarios(posteriors: Posteriors, k: int) -> list[tuple[int, str]]:
 
 def _cells(
     posteriors: Posteriors, told: RangedQuantity, found: Marginal, row: int
-) -> list[list[Any]]:
-    """Return value, share, mean, std and quantiles of a row of a marginal.
+) -> list[dict[str, Any]]:
+    """Return value, share, mean, std and quantiles of a row of a marginal, by column.
 
-    A category has one such list per value.
+    A category has one such row per value.
     """
     if told.quantity.kind == "category":
         shares = zip(
             told.labels, found.table[-1 if told.quantity.by_scenario else row], strict=True
         )
-        return [[label, share, *[""] * (2 + len(LEVELS))] for label, share in shares]
+        without = dict.fromkeys(("mean", "std", *QUANTILES), "")
+        return [{"value": label, "share": share, **without} for label, share in shares]
     assert found.mean is not None
     assert found.std is not None
     assert found.quantiles is not None
-    values = [
-        written(posteriors, told, value) for value in (found.mean[row], *found.quantiles[row])
-    ]
     std = (
         found.std[row] / HOUR
         if told.quantity.kind == "time"
         else found.std[row] * told.quantity.scale
     )
-    return [["", found.share[row], values[0], std, *values[1:]]]
+    quantiles = zip(QUANTILES, found.quantiles[row], strict=True)
+    return [
+        {
+            "value": "",
+            "share": found.share[row],
+            "mean": written(posteriors, told, found.mean[row]),
+            "std": std,
+            **{name: written(posteriors, told, value) for name, value in quantiles},
+        }
+    ]
 
 
 def written(posteriors: Posteriors, told: RangedQuantity, value: float) -> str:

@@ -25,31 +25,6 @@ from geo.array import Array
 from geo.notation import NMI
 
 ALL = "all"
-HEADER = [
-    "update",
-    "name",
-    "kind",
-    "status",
-    "time",
-    "date_time_group",
-    "scenario",
-    "pod",
-    "poc",
-    "pos",
-    "pos_ashore",
-    "pos_alive",
-    "pos_cumulative",
-    "log_evidence",
-    "bayes_factor",
-    "prior",
-    "posterior",
-    "ess_before",
-    "ess_after",
-    "resampled",
-    "ess_resampled",
-    "filled",
-    "distinct",
-]
 
 
 def csv(updates: Updates, run: str) -> str:
@@ -65,40 +40,40 @@ def csv(updates: Updates, run: str) -> str:
     """
     rows, status = [], _statuses(updates)
     for number, (update, before) in enumerate(steps(updates), 1):
-        factors, pod = bayes_factors(update, before), update.pod
-        columns = [
-            pod,
-            update.poc,
-            update.pos,
-            update.ashore,
-            update.alive,
-            update.cumulative,
-            update.log_evidence,
-        ]
+        figures = {
+            "pod": update.pod,
+            "poc": update.poc,
+            "pos": update.pos,
+            "pos_ashore": update.ashore,
+            "pos_alive": update.alive,
+            "pos_cumulative": update.cumulative,
+            "log_evidence": update.log_evidence,
+        }
+        factors = bayes_factors(update, before)
         for j, scenario in enumerate([*updates.scenarios, ALL]):
             single = j < len(updates.scenarios)
             rows.append(
-                [
-                    number,
-                    update.name,
-                    update.kind,
-                    status.get(update.name, "") if update.kind == "sortie" else "",
-                    update.time,
-                    notation.format_dtg(update.time),
-                    scenario,
-                    *(None if values is None else values[j] for values in columns),
-                    factors[j] if single else None,
-                    before[j] if single else 1.0,
-                    update.posterior[j] if single else 1.0,
-                    update.ess_before,
-                    update.ess_after,
-                    update.resampled,
-                    update.ess_resampled,
-                    update.filled,
-                    update.distinct,
-                ]
+                {
+                    "update": number,
+                    "name": update.name,
+                    "kind": update.kind,
+                    "status": status.get(update.name, "") if update.kind == "sortie" else "",
+                    "time": update.time,
+                    "date_time_group": notation.format_dtg(update.time),
+                    "scenario": scenario,
+                    **{key: None if v is None else v[j] for key, v in figures.items()},
+                    "bayes_factor": factors[j] if single else None,
+                    "prior": before[j] if single else 1.0,
+                    "posterior": update.posterior[j] if single else 1.0,
+                    "ess_before": update.ess_before,
+                    "ess_after": update.ess_after,
+                    "resampled": update.resampled,
+                    "ess_resampled": update.ess_resampled,
+                    "filled": update.filled,
+                    "distinct": update.distinct,
+                }
             )
-    return formats.csv_text(HEADER, rows, run=run, digits=".8g")
+    return formats.csv_rows(rows, run=run, digits=".8g")
 
 
 def _statuses(updates: Updates) -> dict[str, str]:

@@ -3,6 +3,7 @@ it.
 """
 
 import csv
+import io
 import json
 import math
 from pathlib import Path
@@ -19,6 +20,7 @@ from drift.case import file as case_file
 from drift.evidence.filter import crossings
 from drift.evidence.filter import shapes as search_shapes
 from drift.evidence.filter.products import layers
+from drift.evidence.filter.records import Line
 from drift.pipeline import run_setup
 from geo import sphere
 
@@ -219,10 +221,15 @@ def test_a_check_says_how_sensors_were_understood(written) -> None:
 
 
 def test_a_line_without_first_crossings_has_no_times() -> None:
-    assert (
-        crossings.csv(crossings.Crossings(("a",), np.empty(0, "datetime64[s]")), "r").count("\n")
-        == 1
-    )
+    never, none = np.full((2, 3), "NaT", "datetime64[s]"), np.zeros(2)
+    bar = Line("bar", ((0.0, 0.0), (1.0, 0.0)))
+    crossing = crossings.Crossing(bar, none, none, never, np.zeros((2, crossings.BINS)))
+    found = crossings.Crossings(("a",), np.empty(0, "datetime64[s]"), (crossing,))
+    head, *rows = csv.reader(io.StringIO(crossings.csv(found, "r")))
+    times = [k for k, name in enumerate(head) if name.startswith(("first_", "date_time_group_"))]
+    assert [row[:4] for row in rows] == [["bar", name, "0", "0"] for name in ("a", "all")]
+    assert len(times) == 6
+    assert all(row[k] == "" for row in rows for k in times)
 
 
 @pytest.mark.thorough
