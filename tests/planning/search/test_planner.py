@@ -156,9 +156,9 @@ def test_finding_alive_is_worth_less_than_finding(tmp_path: Path) -> None:
     made, result = planner.plan(case_of(tmp_path, objective="alive"))
     assert 0.05 < made.value < made.pos
     # the plan is still to come: told from the sortie before it on
-    told = flow.suspension_basis(
-        result, Planned(frozenset({made.taskings[0].sortie.name}), made.taskings[0].off_scene)
-    )
+    sorties = [tasking.sortie for tasking in made.taskings]
+    ahead = Planned(frozenset(one.name for one in sorties), max(one.end for one in sorties))
+    told = flow.suspension_basis(result, ahead)
     assert told is not None
     assert told.now == np.datetime64("2026-06-01T07:00")
     assert [update.name for update, _ in told.sorties] == ["before"]
