@@ -98,7 +98,7 @@ def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | 
         places[:-1],
         np.stack([current, wind], axis=1),
         numbers,
-        int(edges[0]),
+        edges,
         windy,
         members,
         case.spill is not None,

@@ -44,7 +44,7 @@ from drift.forecast.by_member import Members
 from drift.forecast.products import chapter as forecast_chapter
 from drift.forecast.products import dataset
 from drift.forecast.tracks import Trajectories
-from drift.pipeline import run_metadata, run_setup
+from drift.pipeline import buoy_effect, run_metadata, run_setup
 from drift.pipeline.result import Result
 from drift.pipeline.run_options import (
     Job,
@@ -355,6 +355,9 @@ def build_result(job: Job, run: FinishedRun) -> Result:
     member_told = _results_by_member(setup.spec.members, run)
     if member_told is not None:
         summary |= {"members": by_member.summary_of_members(member_told)}
+    if setup.scene.buoys is not None:
+        with job.clock.phase("drifters"):
+            summary["drifters"] = buoy_effect.summary_of_buoys(case, where, setup.scene.buoys)
     off_map = off_grid.fixed_grid_warnings(forecast.data)
     summary["warnings"] = particles_left.few_particles_warnings(
         forecast.data, case.particles, updates, case.contacts
