@@ -27,5 +27,5 @@ Terms that are not requested are not compiled.
 # LAYERS: a quantity of the forcing has several tiles; POLAR: the domain holds a pole; PARAMETERS:
 # the velocity is the user's own, with its parameters in the columns of the leeway lines.
 LINES = WIND | PARAMETERS  # features that read these columns
-# feature of each quantity of the forcing
+# feature of each quantity of the forcing that moves particles
 FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}

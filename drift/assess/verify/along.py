@@ -26,7 +26,7 @@ from drift.tracking.tracks.records import Track, breaks
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
-from geo.forcing.quantity import QUANTITIES
+from geo.forcing.quantity import QUANTITIES, velocities
 
 PIECE = 3600.0  # [s] longest piece of a drifter's track for one quadrature
 # distance of the two quadrature points from the middle of a piece of length 1
@@ -93,10 +93,10 @@ def compare_displacements(
     Raises:
         UserError: no displacement lies where there is forcing, or the forcing is an ensemble.
     """
-    reported = {quantity for quantity in QUANTITIES if f"{quantity}_east" in columns}
+    reported = {quantity for quantity in velocities() if f"{quantity}_east" in columns}
     asked = [
         quantity
-        for quantity in QUANTITIES
+        for quantity in velocities()
         if quantity not in reported and case.forcing.get(quantity)
     ]
     points = [_points(track) for track in tracks]
@@ -107,7 +107,7 @@ def compare_displacements(
         fresh = breaks(track, gap, fastest)
         cut += int(fresh[1:].sum())
         parts: dict[str, Array] = {}
-        for quantity in QUANTITIES:
+        for quantity in velocities():
             if quantity in reported:
                 values = np.stack(
                     [track.columns[columns[f"{quantity}_{side}"]] for side in ("east", "north")],
