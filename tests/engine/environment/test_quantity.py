@@ -60,6 +60,7 @@ COVER = Quantity(
     scalar=True,
     unit="1",
 )
+SHARES = {"thin": 0.2, "dense": 0.6}
 PACK = '[[ice]]\nname = "pack"\nconstant = { east = 0.2, north = -0.7 }\n'
 
 
@@ -136,6 +137,8 @@ def test_a_run_may_go_where_its_ice_takes_it(tmp_path: Path) -> None:
 
     more = north(case_of(tmp_path, PACK)) - north(case_of(tmp_path, ""))
     assert more == pytest.approx(math.degrees(ICE.utmost * 6 * 3600 / sphere.RADIUS), rel=1e-9)
+    covered = case_of(tmp_path, "[[cover]]\nconstant = 0.4\n")
+    assert north(covered) == north(case_of(tmp_path, ""))
 
 
 @pytest.mark.parametrize("needed", [False, True])
@@ -192,9 +195,9 @@ def test_drifters_are_compared_with_it(tmp_path: Path) -> None:
 
 
 def cover(folder: Path, by_degree: float, name: str = "cover.nc", **attributes: str) -> None:
-    """Write a file of concentrations that rise eastward from 0 at 88 degrees west."""
+    """Write a file of concentrations that rise eastward from 88 degrees west; 0 west of there."""
     data = field(names=("a", "b"), standard=("x", "y"))
-    share = by_degree * (data.lon + 88.0) + 0 * data.a
+    share = by_degree * (data.lon + 88.0).clip(0.0) + 0 * data.a
     data = data.drop_vars(["a", "b"]).assign(siconc=share.transpose("time", "lat", "lon"))
     data.siconc.attrs = {"long_name": "Sea ice concentration", **attributes}
     data.to_netcdf(folder / name)
@@ -202,18 +205,33 @@ def cover(folder: Path, by_degree: float, name: str = "cover.nc", **attributes: 
 
 @pytest.mark.parametrize("unit", ["%", "1", "percent"])
 def test_a_number_is_recorded_along_the_tracks(unit: str, tmp_path: Path) -> None:
-    """It is linear in longitude, so bilinear interpolation is exact to the rounding of float32; the
-    particles go east at 0.5 kn.
+    """It is linear between nodes, so bilinear interpolation is exact to the rounding of float32. No
+    ice, 0 in half of the file at all times, is no land. The particles go east at 0.5 kn.
     """
     cover(tmp_path, 0.3 if unit == "1" else 30.0, units=unit)
     icy = drift.run(case_of(tmp_path, '[[cover]]\nfiles = "cover.nc"\nfill = 0\n'))
     recorded = icy.particles["cover"]
     assert (recorded.attrs["long_name"], recorded.attrs["units"]) == (COVER.spoken, "1")
     assert float(recorded.isel(time=-1).mean()) > float(recorded.isel(time=0).mean()) + 0.01
-    np.testing.assert_allclose(recorded, 0.3 * (icy.particles["lon"] + 88.0), atol=1e-5)
+    np.testing.assert_allclose(recorded, 0.3 * (icy.particles["lon"] + 88.0).clip(0.0), atol=1e-5)
     bare = drift.run(case_of(tmp_path, ""))
     assert set(icy.particles) - set(bare.particles) == {"cover"}
     np.testing.assert_array_equal(icy.trajectories.lon, bare.trajectories.lon)
+
+
+def test_each_scenario_has_its_own_numbers(tmp_path: Path) -> None:
+    sources = "".join(
+        f'[[cover]]\nname = "{name}"\nconstant = {share}\n' for name, share in SHARES.items()
+    )
+    other = STEADY[STEADY.index("[[scenario]]") :]
+    text = "".join(
+        other.replace('"boat"', f'"{name}"') + f'covers = ["{name}"]\n' for name in SHARES
+    )
+    result = drift.run(case_of(tmp_path, sources, (other, text)))
+    for number, share in enumerate(SHARES.values()):
+        own = result.particles["cover"].values[result.particles["scenario"].values == number]
+        assert own.size > 50
+        np.testing.assert_array_equal(own, np.float32(share))
 
 
 def test_a_number_has_no_direction(tmp_path: Path) -> None:

@@ -335,7 +335,7 @@ REFUSED = {
     ),
     "an object too": (PLAIN, 'object = "PIW-1"', 'motion = "own.py" determines its drift; leave object out'),
     "jibing": (PLAIN, "jibe = 0.1", 'jibe belongs to leeway, and motion = "own.py" has none; leave jibe out'),
-    "another word": (None, 'motion = "sail"', "no model of motion 'sail'; allowed are \"drift\", or a Python file such as"),
+    "another word": (None, 'motion = "sail"', "no model of motion 'sail'; allowed are \"drift\", "),
     "of leeway": (None, 'motion = "drift"\nobject = "PIW-1"\nparameters = { a = 1 }', 'add motion = "FILE.py", or leave'),
 }  # fmt: skip
 
