@@ -89,6 +89,8 @@ def scalars_along(
 ) -> dict[str, Array]:
     """Return each scalar of the forcing along tracks, (m, t); NaN where it has no value.
 
+    For a forcing ensemble it is the mean of the members, as in `ambient_at`.
+
     Args:
         scenarios: the sources of each scenario.
         times: UTC, (t,).

@@ -328,6 +328,7 @@ REFUSED = {
     "missing": (f"PARAMETERS: tuple = ('a', 'b')\n{PLAIN}", "parameters = { a = 1 }", 'parameters: "b" is missing; own.py takes a, b'),
     "unknown": (PLAIN, "parameters = { a = 1 }", 'parameters: "a" is unknown; own.py takes none'),
     "negative": (PLAIN, "parameters = { a = { mean = 1, std = -1 } }", "parameters.a.std"),
+    "a unit": (PLAIN, 'parameters = { a = "80 m" }', "parameters.a: '80 m' must be a number without a unit, as the Python file expects it"),
     "no waves": (PLAIN.replace("return wind", "return wind + waves"), "", "own.py takes waves and there are none: add [[stokes]], their Stokes drift"),
     "no waves in a branch": (
         f"{GIVEN}    if wind[0] > 0:\n        waves = wind * 0.01\n    return current + waves\n", "",
