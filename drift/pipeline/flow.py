@@ -350,7 +350,7 @@ def build_result(job: Job, run: FinishedRun) -> Result:
             grid=case.grid,
             tell=partial(job.tell, "map"),
         )
-        tracks = _sample_tracks(case, snapshots)
+        tracks = _sample_tracks(case, where, snapshots)
     summary = run_metadata.summary_of_run(case, where, end, setup, job.clock.seconds)
     member_told = _results_by_member(setup.spec.members, run)
     if member_told is not None:
@@ -698,7 +698,7 @@ def origin(
 trace = origin  # its former name
 
 
-def _sample_tracks(case: Case, snapshots: SnapshotStore) -> Trajectories:
+def _sample_tracks(case: Case, where: Environment, snapshots: SnapshotStore) -> Trajectories:
     """Return the tracks of a subsample of particles, evenly spaced by index.
 
     Before it was resampled, a particle has the track of its ancestors.
@@ -717,4 +717,6 @@ def _sample_tracks(case: Case, snapshots: SnapshotStore) -> Trajectories:
     ended, edge = np.where(over, since, -1), np.where(over, edge, -1)
     times = np.array([snapshots.time(k) for k in range(len(snapshots))])
     at = way["lon"], way["lat"], way["status"], way["probability"]
-    return Trajectories(times, slot, way["scenario"][:, -1], *at, release, ended, edge)
+    scenario = way["scenario"][:, -1]
+    scalars = ambient.scalars_along(where.scenarios, times, scenario, way["lon"], way["lat"])
+    return Trajectories(times, slot, scenario, *at, release, ended, edge, scalars)
