@@ -13,7 +13,7 @@ from drift.spills.backtrack import text as origin_text
 from drift.spills.worlds import verdict
 from drift.spills.worlds.products import tables as washup_tables
 from geo import notation
-from geo.notation import format_dtg
+from geo.notation import KNOT, format_dtg
 
 WORTH_A_WARNING = 0.01  # share of lost probability above which a line reports it
 ASHORE = 0.01  # share of a POS due to stranded particles above which it is reported separately
@@ -45,7 +45,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
         if share > 0:
             facts[status.replace("_", " ")] = notation.percent(share)
     facts |= {"errors": errors} if (errors := numbers["uncertainty"]["told"]) else {}
-    facts |= _search(numbers) | _guided(numbers)
+    facts |= _search(numbers) | _guided(numbers) | _drifters(numbers)
     facts |= _lost(numbers)
     facts |= _coast(numbers)
     facts |= {"members": _members(numbers["members"])} if "members" in numbers else {}
@@ -62,6 +62,32 @@ def _guided(numbers: dict[str, Any]) -> Facts:
     return {
         "guided": f"{notation.percent(share, 0)} of the particles, toward contact {finds}; weights account for it"
     }
+
+
+def _drifters(numbers: dict[str, Any]) -> Facts:
+    """Return what each drifting buoy showed, and the areas without; nothing without buoys."""
+    if "drifters" not in numbers:
+        return {}
+    found, facts = numbers["drifters"], {}
+    for number, own in enumerate(found["buoys"], 1):
+        text = (
+            f'"{own["name"]}": {own["displacements"]} displacements, until {notation.format_dtg(own["last_fix"])}; the current there was '
+            f"{own['excess_m_s'] / KNOT:.2f} kn toward {notation.bearing(own['excess_toward_deg'])} beyond the forcing"
+        )
+        if without := own.get("area_nmi2_without_it"):
+            text += f"; areas without it: {_listed_areas(without)}"
+        facts[f"drifter {number}"] = text
+    if "area_nmi2" in found:
+        both = found["area_nmi2"]
+        facts["areas by drifters"] = (
+            f"before any search, with them {_listed_areas(both['with'])}; without {_listed_areas(both['without'])}"
+        )
+    return facts | {f"drifters, note {k}": note for k, note in enumerate(found["notes"], 1)}
+
+
+def _listed_areas(areas: dict[str, float]) -> str:
+    """Return areas by share in one line."""
+    return ", ".join(f"{share} {area:,.0f}" for share, area in areas.items()) + " nmi2"
 
 
 def _areas(output: dict[str, Any]) -> Facts:
