@@ -284,8 +284,8 @@ def _resample_if_needed(
         reel.note("bounds", np.array(layout.bounds if drawn is None else drawn.layout.bounds))
         if drawn is not None:
             begun = (
-                join_column(states, "lineage")
-                if "lineage" in states[0].notes
+                join_column(states, "history lineage")
+                if "history lineage" in states[0].notes
                 else np.arange(layout.bounds[-1])
             )
             for what, values in (("log_weight", drawn.log_weight), ("spare", drawn.spare)):
