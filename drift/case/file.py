@@ -343,5 +343,8 @@ def _index(node: Any, part: str, key: str) -> int:
     if not isinstance(node, list):
         raise UserError(f'{key}: there is nothing called "{part}" inside a value')
     if not part.isdecimal() or int(part) >= len(node):
-        raise UserError(f'{key}: "{part}" is not a number from 0 to {len(node) - 1}')
+        raise UserError(
+            f'{key}: "{part}" is not a number from 0 to {len(node) - 1}; items of a list are counted '
+            "from 0, as in scenario.0.weight"
+        )
     return int(part)

@@ -206,6 +206,9 @@ def direction(value: object) -> float:
         if said[2].upper() == "M":
             raise ValueError(f'"{value}" is magnetic; directions are true: add the variation')
         value = said[1]
+    if isinstance(value, str) and value.strip().upper() in COMPASS:
+        degrees = 22.5 * COMPASS.index(value.strip().upper())
+        raise ValueError(f'"{value}" is not a direction in degrees; write {degrees:g}')
     degrees = units.quantity(value, "deg", "direction", "120 deg")
     if not 0 <= degrees <= 360:
         raise ValueError(f"direction {value!r} must be 0 to 360 degrees clockwise from true north")
