@@ -285,6 +285,8 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
             raise UserError(
                 f'"{name}" is a tracking case: drift experiment or drift track, see drift cases'
             ) from None
+        if os.path.lexists(f"{name}.toml"):
+            raise UserError(f'no case "{name}"; did you mean the file "{name}.toml"?') from None
         names = ", ".join(name for name, _ in shipped())
         raise UserError(
             f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases'

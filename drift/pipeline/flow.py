@@ -562,7 +562,7 @@ def _write(
     # the forecast of a plan's failure shows the time after the plan
     mapped_at = failed if planned is None else replace(failed, opens=None)
     forecast_matter = forecast_chapter.ForecastOutputs(
-        result.forecast, result.trajectories, mapped_at, result.overlays, sensors
+        result.forecast, result.trajectories, mapped_at, result.overlays, sensors, failed.opens
     )
     chapters.insert(0, forecast_chapter.forecast_bundle(forecast_matter))
     publish_outputs(out, chapters, failed, overwrite=overwrite, tell=partial(report, "write"))

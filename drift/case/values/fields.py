@@ -26,6 +26,9 @@ from drift.case.values import units
 # a direction with its reference: true (T) or magnetic (M) north
 NORTH = re.compile(r"([\d.]+)\s*°?\s*([TM])(?:RUE|AG\.?|AGNETIC)?", re.IGNORECASE)
 
+# 16 points of the compass, clockwise from north
+COMPASS = "N NNE NE ENE E ESE SE SSE S SSW SW WSW W WNW NW NNW".split()
+
 
 class Table(BaseModel):
     """A table of the case file: frozen, without unknown keys."""
