@@ -626,7 +626,7 @@ def test_a_folder_hides_no_shipped_case(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(UserError, match='no case "mine": neither a file nor a shipped case'):
         case_file.load("mine")
     (tmp_path / "mine.toml").write_text("")
-    with pytest.raises(UserError, match='no case "mine"; did you mean the file "mine.toml"'):
+    with pytest.raises(UserError, match=r'no case "mine"; did you mean the file "mine\.toml"'):
         case_file.load("mine")
 
 

@@ -27,7 +27,7 @@ from drift.case.values import units
 NORTH = re.compile(r"([\d.]+)\s*°?\s*([TM])(?:RUE|AG\.?|AGNETIC)?", re.IGNORECASE)
 
 # 16 points of the compass, clockwise from north
-COMPASS = "N NNE NE ENE E ESE SE SSE S SSW SW WSW W WNW NW NNW".split()
+COMPASS = "N NNE NE ENE E ESE SE SSE S SSW SW WSW W WNW NW NNW"
 
 
 class Table(BaseModel):
@@ -209,8 +209,9 @@ def direction(value: object) -> float:
         if said[2].upper() == "M":
             raise ValueError(f'"{value}" is magnetic; directions are true: add the variation')
         value = said[1]
-    if isinstance(value, str) and value.strip().upper() in COMPASS:
-        degrees = 22.5 * COMPASS.index(value.strip().upper())
+    points = COMPASS.split()
+    if isinstance(value, str) and value.strip().upper() in points:
+        degrees = 22.5 * points.index(value.strip().upper())
         raise ValueError(f'"{value}" is not a direction in degrees; write {degrees:g}')
     degrees = units.quantity(value, "deg", "direction", "120 deg")
     if not 0 <= degrees <= 360:
