@@ -275,7 +275,8 @@ def _simulate_spill_in_shards(job: Job, many: int, stack: contextlib.ExitStack) 
         return drifted
 
     def renewed(proposal: Proposal, number: int) -> DriftedRun:
-        return moved(*run_setup.renewed(case, where, proposal, number), number)
+        buoys = run.setup.scene.buoys
+        return moved(*run_setup.renewed(case, where, proposal, number, buoys), number)
 
     done, after = _weight_by_finds(job, stretches, moved(run.worlds, case.seed, 0), renewed)
     return FinishedRun(run.setup, done.snapshots, after=after)

@@ -15,7 +15,8 @@ from scipy import stats
 import drift
 from drift.apps.cli import commands
 from drift.assess.verify import chapter as verification_chapter
-from drift.assess.verify import grounding, reading, scores, starts, verification
+from drift.assess.verify import grounding, scores, starts, verification
+from drift.case.tracking import reading
 from drift.assess.verify import text as verification_text
 from drift.engine.environment.environment_spec import Coast
 from drift.tracking.tracks import records as drifter_records
