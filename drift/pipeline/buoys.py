@@ -172,7 +172,7 @@ def _fixes(
     lon, lat = np.radians(buoy.lon), np.radians(buoy.lat)
     east, north = sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:])
     own = np.concatenate([np.zeros((1, 2)), np.stack([east, north], axis=1)])
-    missing = ~np.isfinite(model).all(axis=(0, 2))
+    missing = np.asarray(~np.isfinite(model).all(axis=(0, 2)))
     fresh = np.logical_or(buoy.fresh, missing)
     if fresh.all():
         raise UserError(

@@ -16,8 +16,8 @@ import drift
 from drift.apps.cli import commands
 from drift.assess.verify import chapter as verification_chapter
 from drift.assess.verify import grounding, scores, starts, verification
-from drift.case.tracking import reading
 from drift.assess.verify import text as verification_text
+from drift.case.tracking import reading
 from drift.engine.environment.environment_spec import Coast
 from drift.tracking.tracks import records as drifter_records
 from drift.tracking.tracks.records import Believed, Track
