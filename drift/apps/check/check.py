@@ -442,9 +442,10 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
             f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
         )
     for team in spill.teams:
+        base = f", from {notation.stated_position(*team.base)}" if team.base else ""
         many = f"{len(team.times)} patrol{'s' * (len(team.times) > 1)} from {notation.format_dtg(team.times[0])}"
         lines[f'patrol_unit "{team.name}"'] = (
-            f"{many}, from {notation.stated_position(*team.base)}, {notation.number(team.length / 1000)} km a day, finds {notation.hundredths(team.detection)} %"
+            f"{many}{base}, {notation.number(team.length / 1000)} km a day, finds {notation.hundredths(team.detection)} %"
         )
     return lines
 

@@ -95,7 +95,8 @@ def forecast_leaves(
 def _mostly_ashore(data: Any) -> list[bool]:
     """Return at which times more is ashore than adrift; the map then shows the coast first."""
     status = data["status_probability"]
-    return (status.sel(status="ashore") > status.sel(status="adrift")).values.tolist()
+    more = status.sel(status="ashore") > status.sel(status="adrift")
+    return [bool(one) for one in more.values]
 
 
 def _on_coast(forecast: Forecast) -> list[Leaf]:
