@@ -490,7 +490,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
         (
             1.385,
             "right",
-            "+- sampling",
+            "+-",
             [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]],
         ),
         (
