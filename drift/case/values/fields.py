@@ -88,7 +88,8 @@ class Table(BaseModel):
             if tables
         }
         wrong += [
-            f'unknown key "{key}"; {hint}Allowed: {", ".join(known)}' for key, hint in hints.items()
+            f'unknown key "{key}"; {hint}{"A" if hint else "a"}llowed: {", ".join(known)}'
+            for key, hint in hints.items()
         ]
         meant = {near[0] for near in unknown.values() if near}
         other: list[InitErrorDetails] = []
