@@ -98,7 +98,7 @@ def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | 
         places[:-1],
         np.stack([current, wind], axis=1),
         numbers,
-        int(edges[0]),
+        edges,
         windy,
         members,
         case.spill is not None,
@@ -144,7 +144,11 @@ def _velocity(
 ) -> Array:
     """Return velocities (points, 2) [m/s] of buoys by the forcing; NaN where it has no value."""
     scenario, member = hypothesis
-    asked = [quantity for quantity in QUANTITIES if case.forcing.get(quantity)]
+    asked = [
+        name
+        for name, quantity in QUANTITIES.items()
+        if case.forcing.get(name) and not quantity.scalar
+    ]
     sampled = along_track.sample_forcing(forcing, scenario, asked, time, lon, lat, member)
     total = np.zeros((time.size, 2))
     for quantity, values in sampled.items():

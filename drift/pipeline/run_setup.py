@@ -42,7 +42,7 @@ from drift.evidence.filter.meeting import Reduction
 from drift.evidence.filter.updates import Update
 from drift.evidence.posterior.beliefs import Beliefs
 from drift.evidence.posterior.source import Particles
-from drift.evidence.sensors import afloat, unknown
+from drift.evidence.sensors import in_water, unknown
 from drift.pipeline import buoys as buoy_errors_at
 from drift.spills.worlds import release, renewal
 from drift.spills.worlds import worlds as drawn_worlds
@@ -141,7 +141,7 @@ def open_for(
     held = environment.hold(asked, datasets, case.path.name)
     where = environment.open_for(ensemble_spec(case), asked, held, seen, common)
     if where.coast is not None:
-        afloat.check_sonars_in_water(
+        in_water.check_sonars_in_water(
             case.named_sensors.values(), coastline.land_reader(where.coast, case.coast)
         )
     return where

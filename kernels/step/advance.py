@@ -790,7 +790,9 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
 
     A feature that a scenario does not use leaves its bits unchanged: each term is off at zero.
     """
-    forcing = sum(FORCING[quantity] for quantity, (first, last) in ranges.items() if last > first)
+    forcing = sum(
+        FORCING.get(quantity, 0) for quantity, (first, last) in ranges.items() if last > first
+    )
     wind = bool(forcing & WIND)
     coastal = place.coast is not None
     return (

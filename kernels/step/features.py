@@ -29,5 +29,5 @@ Terms that are not requested are not compiled.
 # the velocity is the user's own, with its parameters in the columns of the leeway lines; SHARED:
 # part of the errors is shared with buoys (kernels.step.buoys).
 LINES = WIND | PARAMETERS  # features that read these columns
-# feature of each quantity of the forcing
+# feature of each quantity of the forcing that moves particles
 FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}

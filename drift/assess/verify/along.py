@@ -27,7 +27,7 @@ from drift.tracking.tracks.records import Track, breaks
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
-from geo.forcing.quantity import QUANTITIES
+from geo.forcing.quantity import QUANTITIES, velocities
 
 MARGIN = 0.3  # [deg] margin about all tracks within which forcing is read
 # keys of a case that a comparison with drifters does not use
@@ -91,10 +91,10 @@ def compare_displacements(
     Raises:
         UserError: no displacement lies where there is forcing, or the forcing is an ensemble.
     """
-    reported = {quantity for quantity in QUANTITIES if f"{quantity}_east" in columns}
+    reported = {quantity for quantity in velocities() if f"{quantity}_east" in columns}
     asked = [
         quantity
-        for quantity in QUANTITIES
+        for quantity in velocities()
         if quantity not in reported and case.forcing.get(quantity)
     ]
     points = [along_track.quadrature_points(track.time) for track in tracks]
@@ -105,7 +105,7 @@ def compare_displacements(
         fresh = breaks(track, gap, fastest)
         cut += int(fresh[1:].sum())
         parts: dict[str, Array] = {}
-        for quantity in QUANTITIES:
+        for quantity in velocities():
             if quantity in reported:
                 values = np.stack(
                     [track.columns[columns[f"{quantity}_{side}"]] for side in ("east", "north")],

@@ -97,7 +97,7 @@ class Buoys:
         factors: Cholesky factors of the correlations between the buoys of the errors of current and
             wind at the begin of each step, (steps, 2, m, m).
         numbers: of the steps.
-        begin: of the first step [s after the run's start].
+        edges: times of the steps [s after the run's start], (steps + 1,).
         windy: whether a buoy feels errors of the wind.
         members: of the forcing ensemble, 1 without one.
         worlds: whether the particles of a world share one deviation.
@@ -109,7 +109,7 @@ class Buoys:
     places: Array
     factors: Array
     numbers: tuple[int, ...]
-    begin: int
+    edges: Array
     windy: bool
     members: int
     worlds: bool
@@ -178,7 +178,7 @@ class Sharer:
     def write(self, step: Step) -> None:
         """Write the shared errors of the step that is about to be computed."""
         ensemble = self._ensemble
-        numbers = kernel.Numbers(**self._numbers, begins=int(step.elapsed == self._buoys.begin))
+        numbers = kernel.Numbers(**self._numbers, begins=int(step.elapsed == self._buoys.edges[0]))
         shift = ensemble.batch(range(len(ensemble.numbers))).shift
         columns = (ensemble.scenario, ensemble.world, self._member, ensemble.lon, ensemble.lat)
         kernel.share_errors(
