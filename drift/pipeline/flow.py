@@ -20,6 +20,7 @@ from drift.engine.environment import ambient, environment
 from drift.engine.environment.ambient import Flow
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import scene, simulate
+from drift.engine.motion.buoys import BuoyTrack
 from drift.engine.motion.forcing import Sources
 from drift.engine.motion.spool import SnapshotStore
 from drift.engine.particles import life
@@ -387,6 +388,7 @@ def build_result(job: Job, run: FinishedRun) -> Result:
     over = (
         partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors),
         partial(_overlay_flows, flows),
+        *([partial(_overlay_buoys, case.drifters)] if case.drifters else []),
     )
     return Result(
         case,
@@ -426,6 +428,13 @@ def _overlay_flows(found: Mapping[str, Flow], time: Any) -> Any:
     from drift.engine.environment import layers  # imported late: Matplotlib takes a second
 
     return layers.flows(found, time)
+
+
+def _overlay_buoys(buoys: Sequence[BuoyTrack], time: Any) -> Any:
+    """Return the map overlay of drifting buoys."""
+    from drift.engine.environment import layers
+
+    return layers.buoy_tracks(buoys, time)
 
 
 def _initial_status(case: Case, ensemble: Ensemble) -> SearchStatus | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from drift.apps.check import outlook, voyage
 from drift.case.record import Case
+from drift.engine.motion.buoys import BuoyTrack
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter import contacts
 from drift.evidence.filter.records import Barrier, Contact, Field, Line, Look, Presence, Sortie
@@ -213,7 +214,8 @@ def _weight(weight: float) -> str:
 
 def _search(case: Case) -> dict[str, str]:
     """Describe sorties, contacts, sensors, and the units or arrays that a plan may use."""
-    lines = {f'sortie "{sortie.name}"': _sortie(sortie) for sortie in case.sorties}
+    lines = {f'drifter "{own.name}"': _drifter(own) for own in case.drifters}
+    lines |= {f'sortie "{sortie.name}"': _sortie(sortie) for sortie in case.sorties}
     for contact in case.contacts:
         doubt = f"belief {notation.number(contact.belief)}"
         if contact.false_density > 0:
@@ -355,6 +357,19 @@ def _field(field: Field) -> str:
     if field.radius > 0:
         return f"{notation.number(field.radius / NMI)} nmi about {notation.stated_position(field.lon, field.lat)}"
     return f"{notation.number(field.width / NMI)} by {notation.number(field.height / NMI)} nmi about {notation.stated_position(field.lon, field.lat)}"
+
+
+def _drifter(own: BuoyTrack) -> str:
+    """Describe a drifting buoy: its fixes, and what was left out of them."""
+    first, last = (
+        notation.format_dtg(np.datetime64(int(t), "s")) for t in (own.time[0], own.time[-1])
+    )
+    facts = [
+        f"{own.time.size} fixes, {first} to {last}, {(~own.fresh).sum()} displacements",
+        f"windage {notation.percent(own.windage)}, fixes right to {notation.number(own.error)} m",
+        *own.notes,
+    ]
+    return ", ".join(facts)
 
 
 def _sortie(sortie: Sortie) -> str:

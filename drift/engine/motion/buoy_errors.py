@@ -1,4 +1,4 @@
-"""What drifting buoys tell of the errors of current and wind: exact Gaussian conditioning, float64.
+"""Errors of current and wind given the tracks of drifting buoys: exact Gaussian conditioning.
 
 A component (east or north) of the error of the current is a Gaussian process with the
 autocorrelation exp(-|t - s| / time) of the case's Ornstein-Uhlenbeck error and the correlation

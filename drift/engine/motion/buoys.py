@@ -1,4 +1,4 @@
-"""Drifting buoys on scene, whose tracks tell of the errors of current and wind where they are.
+"""Drifting buoys on scene, whose tracks show the errors of current and wind where they are.
 
 `buoy_errors` conditions the errors on the fixes; this module holds the result for the steps of a
 run and has each particle share the errors of the buoys near it (kernels.step.buoys). Why each
