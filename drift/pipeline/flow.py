@@ -575,10 +575,22 @@ def _write(
     # the forecast of a plan's failure shows the time after the plan
     mapped_at = failed if planned is None else replace(failed, opens=None)
     forecast_matter = forecast_chapter.ForecastOutputs(
-        result.forecast, result.trajectories, mapped_at, result.overlays, sensors
+        result.forecast, result.trajectories, mapped_at, result.overlays, sensors, failed.opens
     )
     chapters.insert(0, forecast_chapter.forecast_bundle(forecast_matter))
-    publish_outputs(out, chapters, failed, overwrite=overwrite, tell=partial(report, "write"))
+    shown = failed
+    if planned is not None:  # the report opens as the plan begins, before it can fail
+        shown = replace(failed, imprint=replace(on.imprint, title=f"Plan: {case.title}"))
+        chapters.append(OutputBundle(leaves=(_plan_items,)))
+    publish_outputs(out, chapters, shown, overwrite=overwrite, tell=partial(report, "write"))
+
+
+def _plan_items() -> list[Any]:
+    """Return the report's remark on the maps after a plan's searches."""
+    from drift.products.report import leaves  # imported late: Matplotlib takes a second
+
+    words = "The maps after each planned search assume that it found nothing."
+    return [leaves.headline_leaf(words)]
 
 
 def _environment_items(result: Result, on: Setting) -> list[Any]:

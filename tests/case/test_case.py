@@ -386,6 +386,7 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"wind.0": "{ table = [{ time = '+0 h', speed = 5, from = 3 }] }"}, "at least two rows"),
     ({"wind.0": "{ table = [{ time = '+1 h', east = 5, north = 3 }, { time = '+1 h', east = 1, north = 3 }] }"}, "come after"),
     ({"scenario.5.weight": "1"}, r'^scenario.5.weight: "5" is not a number from 0 to 0'),
+    ({"current.0.constant": "{ speed = 1, toward = 'sw' }"}, '"sw" is not a direction in degrees; write 225'),
     ({"title.x": "1"}, "nothing called"),
 ]  # fmt: skip
 
@@ -623,6 +624,9 @@ def test_a_folder_hides_no_shipped_case(tmp_path: Path, monkeypatch: pytest.Monk
     assert case_file.load("overdue_boat").title.startswith("Overdue boat")
     (tmp_path / "mine").mkdir()
     with pytest.raises(UserError, match='no case "mine": neither a file nor a shipped case'):
+        case_file.load("mine")
+    (tmp_path / "mine.toml").write_text("")
+    with pytest.raises(UserError, match=r'no case "mine"; did you mean the file "mine\.toml"'):
         case_file.load("mine")
 
 

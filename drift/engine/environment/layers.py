@@ -163,7 +163,7 @@ def key(areas: bool = True) -> list[tuple[Any, str]]:
             Line2D([], [], color=INK, linewidth=0.7, marker="o", markersize=2.6),
             "Lane; an arrow where it is one-way",
         ),
-        (Patch(facecolor=WASH, alpha=0.75), "Its corridor, joints included"),
+        (Patch(facecolor=WASH, alpha=0.75), "Its corridor"),
     ]
     return [*rows, (Line2D([], [], **AREA), "Area of patrol")] if areas else rows
 

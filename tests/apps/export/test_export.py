@@ -499,12 +499,22 @@ def test_outputs_of_a_backward_run_come_in_ascending_order() -> None:
     assert chosen(outputs, ["011200ZJUN26", "-4 h"]) == [2, 1]
 
 
+def test_one_time_may_be_text_and_the_message_names_the_argument(run: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r'^times: "noon" is not a time'):
+        drift.export(run, "kml", tmp_path / "out", times="noon")
+    one = drift.export(run, "kml", tmp_path / "one", times="+0 h")
+    several = drift.export(run, "kml", tmp_path / "several", times=["+0 h"])
+    assert [path.read_bytes() for path in one if path.suffix == ".kml"] == [
+        path.read_bytes() for path in several if path.suffix == ".kml"
+    ]
+
+
 @pytest.mark.parametrize(
     ("told", "words"),
     [
         (["{run}", "shp"], "argument FORMAT: invalid choice"),
-        (["{run}", "kml", "--time", "+5 h"], '--time "+5 h": there is no output in that minute; outputs go from 012000ZJUN26 to 020800ZJUN26'),
-        (["{run}", "kml", "--time", "noon"], '--time: "noon" is not a time'),
+        (["{run}", "kml", "--time", "+5 h"], '--time TIME: there is no output in the minute of "+5 h"; outputs go from 012000ZJUN26 to 020800ZJUN26'),
+        (["{run}", "kml", "--time", "noon"], '--time TIME: "noon" is not a time'),
         (["nowhere", "kml"], "results nowhere: the folder does not exist"),
         (["{changed}", "kml"], 'not the complete result of a run: "contours.geojson" has been changed'),
         (["{export}", "kml"], "contain no forecast.nc; give a folder written by drift run, drift plan"),
