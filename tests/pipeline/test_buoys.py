@@ -157,8 +157,10 @@ def velocity(knots: float, toward: float) -> np.ndarray:
 
 def likelihoods(time: np.ndarray, own: np.ndarray, currents: list[np.ndarray]) -> np.ndarray:
     """Return the log likelihoods of a track whose velocity is `own` under constant currents."""
-    excess = np.stack([np.outer(time - time[0], own - current) for current in currents])
-    fixes = Fixes(time, time == time[0], excess, ERROR, 0.0)
+    fresh = np.diff(time, prepend=-np.inf) > 6 * HOUR
+    begin = np.maximum.accumulate(np.where(fresh, time, 0))
+    excess = np.stack([np.outer(time - begin, own - current) for current in currents])
+    fixes = Fixes(time, fresh, excess, ERROR, 0.0)
     one = np.ones((1, 1))
     return conditioned(LAW, (one, one), np.zeros(1), np.array([ERROR]), [fixes], time)[2]
 
@@ -171,8 +173,9 @@ def shares(begin: Any, column: np.ndarray) -> np.ndarray:
 
 
 def test_members_are_weighted_by_the_track(tmp_path: Path) -> None:
+    """In two stretches."""
     currents = [velocity(0.4, 61), velocity(0.7, 40), velocity(0.3, 200)]
-    time, own = np.arange(2, 8.01, 0.5) * HOUR, np.array([0.24, 0.20])
+    time, own = np.append(np.arange(2, 5.01, 0.5), [12.0, 12.5, 14]) * HOUR, np.array([0.24, 0.2])
     write_track(tmp_path, "buoy", time, *(AWAY + np.outer(time, own)).T)
     more = BUOY.format("buoy")
     text = CASE.replace(
