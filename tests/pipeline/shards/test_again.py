@@ -274,6 +274,7 @@ def test_nothing_to_go_on_with(case: drift.Case) -> None:
 def test_forcing_of_files_is_asked_by_its_bytes(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
+    import model_writers
     import writers
 
     writers.projected(tmp_path / "current.nc")
@@ -294,7 +295,7 @@ position = { at = [4.0, 59.0], error = "4 km", time = "+0 h" }
     case = drift.load(tmp_path / "case.toml")
     assert drift.run(case, tmp_path / "out", resume=True) is not None
     assert drift.run(case, tmp_path / "out", resume=True) is None
-    writers.curved_true(tmp_path / "current.nc")
+    model_writers.curved_true(tmp_path / "current.nc")
     one = drift.run(case, tmp_path / "out", resume=True)
     assert "the forcing and the files changed since" in caplog.text
     assert one is not None

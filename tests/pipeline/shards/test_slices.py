@@ -5,6 +5,7 @@ differs for it.
 import logging
 from pathlib import Path
 
+import model_writers
 import pytest
 import shards as runs
 import writers
@@ -155,7 +156,7 @@ def test_another_forcing_takes_nothing_over(case: drift.Case, tmp_path: Path) ->
     with pytest.raises(Stopped):
         drift.run(own, out, shards=4, report=half)
     before = {*slices_of(out)}
-    writers.curved_true(tmp_path / "current.nc")
+    model_writers.curved_true(tmp_path / "current.nc")
     with pytest.raises(Stopped):
         drift.run(own, out, shards=4, report=half)
     assert before
