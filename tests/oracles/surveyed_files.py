@@ -4,8 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trial_case
 import writers
 import xarray as xr
+
+import drift
 
 LON, LAT = np.arange(2.0, 8.01, 0.1), np.arange(57.0, 63.01, 0.05)
 HOURS = np.arange(0, 97, 6)
@@ -50,24 +53,20 @@ def shore(lon: Any, lat: Any) -> Any:
     return 0.8 * (lon - 5.3) + (lat - 60.1) > 0.9
 
 
-CASE = """
-start = "2026-03-01T00:00Z"
-duration = "96 h"
-particles = 40
-max_lost = 1.0
-[output]
-trajectories = 40
-[coast]
-source = "none"
-[clock]
-step = "30 min"
-[domain]
-{domain}
-[[current]]
-files = "{files}"
-[[scenario]]
-name = "a"
-object = "water"
-position = {{ at = [4.6, 60.0], error = "3 nmi" }}
-"""
-SMALL = "west = 3.5\nsouth = 58.9\neast = 7.5\nnorth = 61.6"  # holds no missing value
+SMALL = {"west": 3.5, "south": 58.9, "east": 7.5, "north": 61.6}  # holds no missing value
+
+
+def case(folder: Path, domain: dict[str, float], **current: Any) -> drift.Case:
+    """Return a case of 40 drifters in a current over a domain."""
+    return trial_case.load(
+        folder,
+        start="2026-03-01T00:00Z",
+        duration="96 h",
+        particles=40,
+        max_lost=1.0,
+        output={"trajectories": 40},
+        clock={"step": "30 min"},
+        domain=domain,
+        current=current,
+        scenario={"position": {"at": [4.6, 60.0], "error": "3 nmi"}},
+    )

@@ -5,6 +5,7 @@ import tomllib
 
 import numpy as np
 import pytest
+import trial_case
 from simulated_drifters import COLUMNS, simulated
 
 import drift
@@ -23,17 +24,16 @@ def test_the_command_prints_an_uncertainty_to_paste(tmp_path, capsys):
         rows += [f"{track.name};{np.datetime64(round(t * 1000), 'ms')}Z;{';'.join(map(repr, map(float, row)))}"
                  for t, row in zip(track.time, zip(*columns, strict=True), strict=True)]  # fmt: skip
     (tmp_path / "buoys.csv").write_text("\n".join(rows))
-    (tmp_path / "case.toml").write_text(
-        'start = "2021-03-01T00:00Z"\nduration = "6 h"\ncurrent = [{ constant = { east = 0, north = 0 } }]\n'
-        '[[scenario]]\nname = "b"\nobject = "water"\nposition = { at = [-6, 47], error = "1 nmi" }\n'
+    case = trial_case.load(
+        tmp_path,
+        start="2021-03-01T00:00Z",
+        scenario={"position": {"at": [-6, 47], "error": "1 nmi"}},
     )
-    given = ["fit-errors", str(tmp_path / "case.toml"), "--drifters", str(tmp_path / "buoys.csv")]
+    given = ["fit-errors", str(case.path), "--drifters", str(tmp_path / "buoys.csv")]
     columns = "current_east=u,current_north=v,wind_east=a,wind_north=b"
     assert commands.main([*given, "--columns", columns]) == 0
     said = capsys.readouterr().out
-    made = drift.fit_errors(
-        drift.load(tmp_path / "case.toml"), tmp_path / "buoys.csv", columns=COLUMNS
-    )
+    made = drift.fit_errors(case, tmp_path / "buoys.csv", columns=COLUMNS)
     table = said[said.index("[uncertainty]") :]
     pasted = tomllib.loads(table)["uncertainty"]
     assert units.quantity(pasted["current"]["std"], "m/s", "", "") == pytest.approx(

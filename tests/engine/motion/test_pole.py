@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import taichi as ti
+import trial_case
 import xarray as xr
 
 import drift
@@ -115,26 +116,25 @@ def test_typed_forcing_near_a_pole_has_one_direction_in_its_plane(
     % of it as windage.
     """
     lat = "89 59.0N" if pole > 0 else "89 59.0S"
-    (tmp_path / "case.toml").write_text(f"""
-start = "2026-03-03T18:00Z"
-duration = "680 min"
-particles = 100
-uncertainty = "none"
-[coast]
-source = "none"
-[[current]]
-table = [
- {{ time = "2026-03-03T18:00Z", speed = "0.5 kn", toward = 60 }},
- {{ time = "2026-03-04T02:00Z", speed = "1.5 kn", toward = 130 }},
- {{ time = "2026-03-04T06:00Z", speed = "0.2 kn", toward = 350 }},
-]
-[[wind]]
-constant = {{ speed = "15 kn", from = 240 }}
-[[scenario]]
-name = "one"
-object = {{ windage = "4 %" }}
-position = {{ at = "{lat} 010 00W", error = "0.001 m" }}
-""")
+    path = trial_case.write(
+        tmp_path,
+        start="2026-03-03T18:00Z",
+        duration="680 min",
+        particles=100,
+        uncertainty="none",
+        current={
+            "table": [
+                {"time": "2026-03-03T18:00Z", "speed": "0.5 kn", "toward": 60},
+                {"time": "2026-03-04T02:00Z", "speed": "1.5 kn", "toward": 130},
+                {"time": "2026-03-04T06:00Z", "speed": "0.2 kn", "toward": 350},
+            ]
+        },
+        wind={"constant": {"speed": "15 kn", "from": 240}},
+        scenario={
+            "object": {"windage": "4 %"},
+            "position": {"at": f"{lat} 010 00W", "error": "0.001 m"},
+        },
+    )
     knot, start = 1852 / 3600, math.radians(-10)
     rows = [(0, 0.5, 60), (8, 1.5, 130), (12, 0.2, 350)]
     hours = [row[0] for row in rows]
@@ -154,7 +154,7 @@ position = {{ at = "{lat} 010 00W", error = "0.001 m" }}
         return u * math.cos(turn) + v * math.sin(turn), v * math.cos(turn) - u * math.sin(turn)
 
     expected = integrated(start, pole * math.radians(90 - 1 / 60), velocity, 11 * 3600 + 1200)
-    assert float(sphere.distance(*final(tmp_path / "case.toml"), *expected)) < 3.0  # of 36 km
+    assert float(sphere.distance(*final(path), *expected)) < 3.0  # of 36 km
 
 
 @pytest.mark.thorough
@@ -211,20 +211,15 @@ def test_a_polar_stereographic_file_is_followed_over_the_pole(
     )
     data.to_netcdf(tmp_path / "polar.nc")
     start = 89.8
-    (tmp_path / "case.toml").write_text(f"""
-start = "2026-03-03T00:00Z"
-duration = "20 h"
-particles = 100
-uncertainty = "none"
-[coast]
-source = "none"
-[[current]]
-files = "polar.nc"
-[[scenario]]
-name = "one"
-object = "water"
-position = {{ at = [-160.0, {start}], error = "0.001 m" }}
-""")
+    path = trial_case.write(
+        tmp_path,
+        start="2026-03-03T00:00Z",
+        duration="20 h",
+        particles=100,
+        uncertainty="none",
+        current={"files": "polar.nc"},
+        scenario={"position": {"at": [-160.0, start], "error": "0.001 m"}},
+    )
     back = pyproj.Transformer.from_crs(crs.geodetic_crs, crs, always_xy=True)
 
     def velocity(px: float, py: float, seconds: float) -> tuple[float, float]:
@@ -237,7 +232,7 @@ position = {{ at = [-160.0, {start}], error = "0.001 m" }}
         return a * math.cos(turn) + b * math.sin(turn), b * math.cos(turn) - a * math.sin(turn)
 
     expected = integrated(math.radians(-160), math.radians(start), velocity, 20 * 3600, 60.0)
-    found = final(tmp_path / "case.toml")
+    found = final(path)
     way = float(sphere.distance(math.radians(-160), math.radians(start), *expected))
     assert 25_000 < way < 60_000
     # The regridded tile errs by 0.02 % of the speed: metres of the way.
@@ -249,35 +244,30 @@ position = {{ at = [-160.0, {start}], error = "0.001 m" }}
     # [m/s] what an hour adds to an error of 100 years: std sqrt(2 h / time)
     ("pole", "error", "kick"),
     [
-        (1, 'std = "0.3 m/s", time = "876000 h"', 0.3 * math.sqrt(2 / 876_000)),
-        (-1, 'std = "0 m/s", bias = "0.3 m/s"', 0.0),
+        (1, {"std": "0.3 m/s", "time": "876000 h"}, 0.3 * math.sqrt(2 / 876_000)),
+        (-1, {"std": "0 m/s", "bias": "0.3 m/s"}, 0.0),
     ],
     ids=["error", "bias"],
 )
 def test_a_lasting_error_of_the_current_leads_over_a_pole_along_a_great_circle(
-    tmp_path: Path, pole: int, error: str, kick: float
+    tmp_path: Path, pole: int, error: dict[str, str], kick: float
 ) -> None:
     """What has one error all along is as far from its start after 12, 18 and 24 hours as the first
     six make it.
     """
-    (tmp_path / "case.toml").write_text(f"""
-start = "2026-03-03T18:00Z"
-duration = "24 h"
-particles = 1000
-seed = 5
-uncertainty = {{ diffusivity = "0 m2/s", current = {{ {error} }} }}
-output.every = "6 h"
-clock.step = "1 h"
-[coast]
-source = "none"
-[[current]]
-constant = {{ east = 0, north = 0 }}
-[[scenario]]
-name = "one"
-object = "water"
-position = {{ at = "90 00{"N" if pole > 0 else "S"} 000 00E", error = "3 nmi" }}
-""")
-    tracks = next(iter(drift.run_many([drift.load(tmp_path / "case.toml")])))
+    case = trial_case.load(
+        tmp_path,
+        start="2026-03-03T18:00Z",
+        duration="24 h",
+        particles=1000,
+        seed=5,
+        uncertainty={"diffusivity": "0 m2/s", "current": error},
+        output={"every": "6 h"},
+        clock={"step": "1 h"},
+        current={"constant": {"east": 0, "north": 0}},
+        scenario={"position": {"at": f"90 00{'N' if pole > 0 else 'S'} 000 00E", "error": "3 nmi"}},
+    )
+    tracks = next(iter(drift.run_many([case])))
     lon, lat = np.radians(tracks.lon), np.radians(tracks.lat)
     far = sphere.distance(lon[0], lat[0], lon, lat)
     assert far.shape == (5, 1000)

@@ -7,35 +7,40 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trial_case
 from matplotlib.figure import Figure
 
 import drift
 from drift.products.maps import chart
 from geo import sphere
 
-SEARCHED = """
-start = "2026-03-03T18:00Z"
-duration = "{hours} h"
-particles = {n}
-seed = 5
-uncertainty = "none"
-output.every = "{hours} h"
-clock.step = "{step}"
-[coast]
-source = "none"
-[[current]]
-constant = {{ speed = "{speed} kn", toward = 70 }}
-[[scenario]]
-name = "one"
-object = "water"
-position = {{ at = "{at} 000 00E", error = "{error} nmi" }}
-"""
 
-
-def searched(path: Path, sorties: str, **how: object) -> list[dict]:
-    """Return what the sorties of a case of SEARCHED told."""
-    path.write_text(SEARCHED.format(**how) + sorties)
-    return list(drift.run(drift.load(path)).summary["search"]["updates"])
+def searched(
+    folder: Path,
+    sorties: str,
+    *,
+    at: str,
+    error: float,
+    hours: float,
+    n: int,
+    step: str,
+    speed: float,
+) -> list[dict]:
+    """Return what the sorties of a case told, whose target drifts at a speed [kn]."""
+    case = trial_case.load(
+        folder,
+        sorties,
+        start="2026-03-03T18:00Z",
+        duration=f"{hours} h",
+        particles=n,
+        seed=5,
+        uncertainty="none",
+        output={"every": f"{hours} h"},
+        clock={"step": step},
+        current={"constant": {"speed": f"{speed} kn", "toward": 70}},
+        scenario={"position": {"at": f"{at} 000 00E", "error": f"{error} nmi"}},
+    )
+    return list(drift.run(case).summary["search"]["updates"])
 
 
 @pytest.mark.thorough
@@ -85,9 +90,7 @@ law = "random"
 pod = 0.6
 """
         how = {"hours": 4, "n": 40_000, "step": "1 h", "speed": 1, "at": at, "error": 3}
-        pos.append(
-            [update["pos"]["all"] for update in searched(tmp_path / "case.toml", sorties, **how)]
-        )
+        pos.append([update["pos"]["all"] for update in searched(tmp_path, sorties, **how)])
     # The same particles by seed and slot, but for the tangent plane's third order, 5 mm: one at an
     # edge may differ.
     assert pos[1] == pytest.approx(pos[0], abs=1 / 40_000)
@@ -123,7 +126,7 @@ orientation = {(30 + pole * lon) % 360:.6f}
 """
         at = ("00 00N", "90 00N", "90 00S")[pole]
         how = {"hours": 4, "n": 10_000, "step": step, "speed": 1.5, "at": at, "error": 3}
-        (update,) = searched(tmp_path / "case.toml", sortie, **how)
+        (update,) = searched(tmp_path, sortie, **how)
         pos[pole] = update["pos"]["all"]
     # In a minute a marker goes 46 m, 2.8 km from the pole: its chord in lon and lat bulges by 0.1
     # m, 5e-5 of a sweep width.
@@ -153,7 +156,7 @@ pattern = {{ kind = "sector", datum = "{at} 000 00E", radius = "320 nmi", orient
 speed = "280 kn"
 """
     how = {"hours": 16, "n": n, "step": "1 h", "speed": 0, "at": at, "error": 250}
-    (update,) = searched(tmp_path / "case.toml", sortie, **how)
+    (update,) = searched(tmp_path, sortie, **how)
     expected = 1 - 2 ** -((320 / 250) ** 2)
     # A circle is 36 corners, which leave out 0.2 %: a quarter of a standard error.
     assert update["poc"]["all"] == pytest.approx(
@@ -169,35 +172,30 @@ def test_a_leg_beside_the_pole_passes_what_is_abeam(tmp_path: Path, pole: int, e
     of the meridian of 0.
     """
 
-    def at(x: float, y: float) -> str:
+    def at(x: float, y: float) -> list[float]:
         lat = pole * (90 - math.degrees(math.hypot(x, y) * 1852 / sphere.RADIUS))
-        return f"[{math.degrees(math.atan2(x, y)):.9f}, {lat:.9f}]"
+        return [round(math.degrees(math.atan2(x, y)), 9), round(lat, 9)]
 
-    (tmp_path / "case.toml").write_text(f"""
-start = "2026-03-01T00:00Z"
-duration = "2 h"
-particles = 4000
-uncertainty = "none"
-[clock]
-step = "1 h"
-[coast]
-source = "none"
-[[current]]
-constant = {{ east = 0, north = 0 }}
-[[scenario]]
-name = "a"
-object = "water"
-position = {{ at = {at(0, -2)}, error = "6 nmi" }}
-[[sortie]]
-name = "s"
-start = "+15 min"
-speed = "20 kn"
-law = {{ m_beta = 0.8 }}
-sweep_width = "1 nmi"
-waypoints = [{at(*ends[0])}, {at(*ends[1])}]
-""")
-    result = drift.run(drift.load(tmp_path / "case.toml"))
-    tracks = next(iter(drift.run_many([drift.load(tmp_path / "case.toml")])))
+    sortie = {
+        "name": "s",
+        "start": "+15 min",
+        "speed": "20 kn",
+        "law": {"m_beta": 0.8},
+        "sweep_width": "1 nmi",
+        "waypoints": [at(*end) for end in ends],
+    }
+    case = trial_case.load(
+        tmp_path,
+        duration="2 h",
+        particles=4000,
+        uncertainty="none",
+        clock={"step": "1 h"},
+        current={"constant": {"east": 0, "north": 0}},
+        scenario={"position": {"at": at(0, -2), "error": "6 nmi"}},
+        sortie=[sortie],
+    )
+    result = drift.run(case)
+    tracks = next(iter(drift.run_many([case])))
     far = np.radians(90 - np.abs(tracks.lat[0])) * sphere.RADIUS / 1852
     x, y = far * np.sin(np.radians(tracks.lon[0])), far * np.cos(np.radians(tracks.lon[0]))
     (ax, ay), (bx, by) = ends

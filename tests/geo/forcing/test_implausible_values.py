@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import writers
 import xarray as xr
-from surveyed_files import CASE, HOURS, LAT, LON, SMALL, fields, saved, shore
+from surveyed_files import HOURS, LAT, LON, SMALL, case, fields, saved, shore
 
 import drift
 from geo.box import Box
@@ -141,12 +141,7 @@ def test_large_sources_are_sampled(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_typed_speeds_have_ceilings(tmp_path: Path) -> None:
-    text = CASE.format(domain=SMALL, files="").replace(
-        'files = ""', "constant = {{ speed = {speed}, toward = 31 }}"
-    )
-    path = tmp_path / "a.toml"
-    path.write_text(text.replace("{{", "{").replace("}}", "}").replace("{speed}", "7.9"))
-    drift.load(path)
+    path = case(tmp_path, SMALL, constant={"speed": 7.9, "toward": 31}).path
     with pytest.raises(
         UserError, match=r"constant: 8\.1 m/s is too fast for a current; at most 8 m/s"
     ):

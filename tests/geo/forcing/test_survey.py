@@ -7,7 +7,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from surveyed_files import CASE, HOURS, LAT, LON, SMALL, fields, saved, shore
+from surveyed_files import HOURS, LAT, LON, SMALL, case, fields, saved, shore
 
 import drift
 from geo.box import Box
@@ -27,12 +27,11 @@ def zero_land(path: Path) -> tuple[Path, Any, Any, Any]:
     return saved(path, u, v), u, v, land
 
 
-WIDE = "west = 2.0\nsouth = 57.0\neast = 8.0\nnorth = 63.0"
+WIDE = {"west": 2.0, "south": 57.0, "east": 8.0, "north": 63.0}
 
 
-def ends(folder: Path, files: Path, domain: str) -> Any:
-    (folder / "a.toml").write_text(CASE.format(domain=domain, files=files))
-    tracks = drift.run(drift.load(folder / "a.toml")).trajectories
+def ends(folder: Path, files: Path, domain: dict[str, float]) -> Any:
+    tracks = drift.run(case(folder, domain, files=files)).trajectories
     return tracks.lon, tracks.lat, tracks.status
 
 
@@ -69,8 +68,8 @@ def test_tracks_beside_zero_land_are_those_of_a_float64_integration(tmp_path: Pa
     track to metres.
     """
     path, u, v, land = zero_land(tmp_path / "a.nc")
-    (tmp_path / "a.toml").write_text(CASE.format(domain=WIDE, files=path))
-    tracks = drift.run(drift.load(tmp_path / "a.toml", {"uncertainty": "none"})).trajectories
+    sure = drift.vary(case(tmp_path, WIDE, files=path), {"uncertainty": "none"})
+    tracks = drift.run(sure).trajectories
     grid = Grid(float(LON[0]), float(LAT[0]), 0.1, 0.05, len(LON), len(LAT))
     u[:, land], v[:, land] = np.nan, np.nan
     both = np.stack((u, v), axis=-1)

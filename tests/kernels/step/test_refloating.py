@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trial_case
 from straight_shores import EVERYWHERE, METRE, T0, drift_on, jagged, land
 
 import drift
@@ -124,26 +125,23 @@ def test_a_half_life_is_the_time_after_which_half_is_afloat(tmp_path: Path) -> N
     mean half-life / ln 2.
     """
     n, half, hours = 20_000, 4.0, 10.0
-    text = f"""
-start = "2026-11-21T00:00Z"
-duration = "{hours:g} h"
-particles = {n}
-output.every = "2 h"
-clock.step = "15 min"
-coast = {{ source = "land.geojson", behaviour = "refloat", half_life = "{half:g} h" }}
-[[current]]
-table = [{", ".join(f'{{ time = "+{h} h", speed = "1 m/s", toward = {90 if h < 2 else 270} }}' for h in range(12))}]
-[[scenario]]
-name = "s"
-object = "water"
-position = {{ at = [-0.01, 0.1], std = "0 m" }}
-"""
+    ebb = [{"time": f"+{h} h", "speed": "1 m/s", "toward": 90 if h < 2 else 270} for h in range(12)]
+    coast = {"source": "land.geojson", "behaviour": "refloat", "half_life": f"{half:g} h"}
     (tmp_path / "land.geojson").write_text(
         '{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", '
         '"coordinates": [[[0, -2], [2, -2], [2, 2], [0, 2], [0, -2]]]}}]}'
     )
-    (tmp_path / "case.toml").write_text(text)
-    probability = drift.run(drift.load(tmp_path / "case.toml")).forecast.data["status_probability"]
+    case = trial_case.load(
+        tmp_path,
+        duration=f"{hours:g} h",
+        particles=n,
+        output={"every": "2 h"},
+        clock={"step": "15 min"},
+        coast=coast,
+        current={"table": ebb},
+        scenario={"position": {"at": [-0.01, 0.1], "std": "0 m"}},
+    )
+    probability = drift.run(case).forecast.data["status_probability"]
     ashore = [float(probability[k, Status.ASHORE]) for k in range(probability.sizes["time"])]
     landed = (
         0.01 / METRE / 3600

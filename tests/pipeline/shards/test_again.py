@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import same_files
 import shards as runs
+import trial_case
 
 import drift
 from drift.apps.cli import commands
@@ -278,21 +279,13 @@ def test_forcing_of_files_is_asked_by_its_bytes(
     import writers
 
     writers.projected(tmp_path / "current.nc")
-    (tmp_path / "case.toml").write_text("""
-start = "2024-03-05T00:10Z"
-duration = "2 h"
-particles = 500
-coast.source = "none"
-[[current]]
-files = "current.nc"
-[[wind]]
-constant = { speed = "9 m/s", from = 250 }
-[[scenario]]
-name = "raft"
-object = "LIFE-RAFT-DB-10"
-position = { at = [4.0, 59.0], error = "4 km", time = "+0 h" }
-""")
-    case = drift.load(tmp_path / "case.toml")
+    case = trial_case.load(
+        tmp_path,
+        start="2024-03-05T00:10Z",
+        duration="2 h",
+        current={"files": "current.nc"},
+        scenario={"position": {"at": [4.0, 59.0], "error": "4 km"}},
+    )
     assert drift.run(case, tmp_path / "out", resume=True) is not None
     assert drift.run(case, tmp_path / "out", resume=True) is None
     model_writers.curved_true(tmp_path / "current.nc")
