@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pyogrio
 import shapely
-from plans import few_trials  # noqa: F401 (a fixture)
 
 HALF = 0.5e-7 + 1e-12  # [deg] half of the last digit that is written
 METRES = math.radians(6_371_008.8)  # in a degree of the sphere

@@ -3,14 +3,16 @@
 from pathlib import Path
 
 import finished
+import plans
 import pytest
 import xarray as xr
-from plans import few_trials  # noqa: F401 (a fixture)
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory, few_trials: None) -> Path:  # noqa: F811
-    return finished.plan(tmp_path_factory.mktemp("run"))
+@pytest.fixture(scope="session")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the run, which no test changes."""
+    with plans.after_few_trials():
+        return finished.plan(tmp_path_factory.mktemp("run"))
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,6 @@ import pytest
 import shapely
 import xarray as xr
 from exported import HALF, METRES, contours, layer
-from plans import few_trials  # noqa: F401 (a fixture)
 
 import drift
 from drift.apps.cli import export as export_command

@@ -9,7 +9,6 @@ import pytest
 import shapely
 import xarray as xr
 from exported import METRES
-from plans import few_trials  # noqa: F401 (a fixture)
 
 from drift.apps.export import plotter
 from drift.apps.export.finished import Finished

@@ -12,7 +12,6 @@ from pathlib import Path
 import fuzz_results
 import netCDF4
 import pytest
-from plans import few_trials  # noqa: F401 (a fixture)
 
 import drift
 from drift.apps.cli import commands

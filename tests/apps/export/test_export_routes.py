@@ -10,7 +10,6 @@ import pytest
 import shapely
 import xarray as xr
 from exported import HALF, contours, layer
-from plans import few_trials  # noqa: F401 (a fixture)
 
 import drift
 from drift.apps.export import plotter

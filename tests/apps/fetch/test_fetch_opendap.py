@@ -9,6 +9,7 @@ import netCDF4
 import numpy as np
 import pyproj
 import pytest
+import trial_case
 import writers
 import xarray as xr
 from hostile import Variable
@@ -216,13 +217,16 @@ def test_a_run_reads_what_was_fetched(tmp_path: Path) -> None:
     lon, lat, box = AXES["-180..180, across 180"]
     with hostile.serving(hostile.speaking_dap(ocean(lon, lat))) as address:
         got = fetched(tmp_path, address, box)
-    case = tmp_path / "case.toml"
-    case.write_text(
-        'title = "trial"\nstart = "2024-03-01T12:00Z"\nduration = "6 h"\nparticles = 500\ncoast.source = "none"\n'
-        f"domain = {{ west = 171, south = -44, east = 189, north = -32 }}\n{got.tables}"
-        '[[wind]]\nconstant = { speed = "10 kn", from = 270 }\n[uncertainty]\nwind = { std = "1 m/s", time = "6 h" }\n'
-        '[[scenario]]\nname = "boat"\nobject = "PIW-1"\nposition = { at = "38 00S 179 57E", std = "1 nmi" }\n'
+    case = trial_case.load(
+        tmp_path,
+        got.tables,
+        start="2024-03-01T12:00Z",
+        domain={"west": 171, "south": -44, "east": 189, "north": -32},
+        current=None,
+        uncertainty={"wind": {"std": "1 m/s", "time": "6 h"}},
+        wind={"constant": {"speed": "10 kn", "from": 270}},
+        scenario={"object": "PIW-1", "position": {"at": "38 00S 179 57E", "std": "1 nmi"}},
     )
-    result = drift.run(drift.load(case))
+    result = drift.run(case)
     assert result.probability.sizes["time"] > 1
     assert result.summary["account"]["outside"] == 0

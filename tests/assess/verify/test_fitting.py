@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
+import trial_case
 import xarray as xr
 from scipy import stats
 from simulated_drifters import MEAN, RADIUS, TRUE, WINDAGE, simulated, ways
 
-import drift
 from drift.assess.verify import along, error_law, fitting
 from drift.assess.verify.error_law import Law
 from drift.tracking.tracks.records import Track
@@ -137,12 +137,13 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
             {"time": start.astype("datetime64[ns]") + hours * np.timedelta64(3600, "s"), "lat": ("lat", lats, {"units": "degrees_north"}),
              "lon": ("lon", lons, {"units": "degrees_east"})},
         )  # fmt: skip
-    file = tmp_path / "case.toml"
-    names = 'variables = { east = "ue", north = "vn" }'
-    file.write_text(
-        'start = "2021-05-01T00:00Z"\nduration = "6 h"\n'
-        f'[[current]]\nname = "c"\ndataset = "c"\nfill = 0\n{names}\n[[wind]]\nname = "w"\ndataset = "w"\n{names}\n'
-        '[[scenario]]\nname = "b"\nobject = { windage = "2 %" }\nposition = { at = [5, 60], error = "1 nmi" }\n'
+    names = {"variables": {"east": "ue", "north": "vn"}}
+    case = trial_case.load(
+        tmp_path,
+        start="2021-05-01T00:00Z",
+        current={"dataset": "c", "fill": 0, **names},
+        wind={"dataset": "w", **names},
+        scenario={"object": {"windage": "2 %"}, "position": {"at": [5, 60], "error": "1 nmi"}},
     )
     rng = np.random.default_rng(2)
     begin = float(start.astype(np.int64))
@@ -153,7 +154,7 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
     # in the hole
     north = Track("north", time[:4], np.linspace(6.3, 6.4, 4), np.linspace(60.7, 60.75, 4))
     made = along.compare_displacements(
-        drift.load(file), [Track("b", time, lon, lat), gone, north], {}, 3 * 3600.0, 3.0, sets
+        case, [Track("b", time, lon, lat), gone, north], {}, 3 * 3600.0, 3.0, sets
     )
     assert [way.name for way in made.ways] == ["b"]
     way = made.ways[0]

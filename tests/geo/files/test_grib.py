@@ -8,6 +8,7 @@ from typing import Any
 import gribs
 import numpy as np
 import pytest
+import trial_case
 import writers
 from grib_messages import (
     BOTH,
@@ -56,23 +57,20 @@ def test_each_of_many_forecasts_in_a_wind_along_the_grid_is_the_run_of_its_case_
     tmp_path: Path,
 ) -> None:
     parts = [one for hour in (0.0, 6.0) for one in pair(LAMBERT, along=True, hour=hour)]
-    text = f"""
-start = "2024-03-05T00:20Z"
-duration = "5 h"
-particles = 200
-max_lost = 1.0
-output.trajectories = 200
-coast = {{ source = "none" }}
-current = [{{ constant = {{ speed = "0.4 m/s", toward = 75 }} }}]
-wind = [{{ files = "{written(tmp_path / "wind.grib", parts)}" }}]
-uncertainty.wind = {{ std = "1.3 m/s", time = "7 h" }}
-[[scenario]]
-name = "raft"
-object = "LIFE-RAFT-DB-11"
-position = {{ at = [4.1, 58.9], error = "2 nmi" }}
-"""
-    (tmp_path / "raft.toml").write_text(text)
-    base = drift.load(tmp_path / "raft.toml")
+    base = trial_case.load(
+        tmp_path,
+        start="2024-03-05T00:20Z",
+        duration="5 h",
+        particles=200,
+        max_lost=1.0,
+        output={"trajectories": 200},
+        wind={"files": written(tmp_path / "wind.grib", parts)},
+        uncertainty={"wind": {"std": "1.3 m/s", "time": "7 h"}},
+        scenario={
+            "object": "LIFE-RAFT-DB-11",
+            "position": {"at": [4.1, 58.9], "error": "2 nmi"},
+        },
+    )
     cases = [base, drift.vary(base, {"seed": 3, "scenario.0.position.at": [4.12, 58.91]})]
     for one, own in zip(drift.run_many(cases), cases, strict=True):
         assert one.error is None

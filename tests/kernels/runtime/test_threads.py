@@ -46,6 +46,7 @@ def path(tmp_path: Path) -> Path:
     return trial_case.write(
         tmp_path,
         duration="2 h",
+        particles=1000,
         clock={"step": "10 min"},
         uncertainty={"diffusivity": "10 m2/s"},
     )
