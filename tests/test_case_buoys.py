@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import oracle
+import pyproj
 import pytest
 import xarray as xr
 from case_answers import SIGMAS, flat
@@ -56,7 +57,7 @@ def bayes(name: str, spacing: float, chance: Hearing) -> tuple[Array, Array, Arr
     """Return the posterior of a case of two buoys by Bayes on a grid [nmi]: masses, places [m]
     about 36N 070W, cell areas [m2].
     """
-    geod = oracle.pyproj.Geod(a=oracle.R, b=oracle.R)
+    geod = pyproj.Geod(a=oracle.R, b=oracle.R)
     side = np.arange(-170, 170, spacing) + spacing / 2
     east, north = (one.ravel() * NMI for one in np.meshgrid(side, side))
     lat = 36 + north / oracle.R / oracle.DEG

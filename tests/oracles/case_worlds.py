@@ -9,6 +9,7 @@ import numpy as np
 import oracle
 import oracle_forcing
 import passages
+import pyproj
 import pytest
 import xarray as xr
 from case_answers import FATES, THEIRS
@@ -48,7 +49,7 @@ def overdue_boat(rng: np.random.Generator, n: int) -> World:
         return inside(rng, swamped["area"]["polygon"], n)
 
     legs = np.array([place(one) for one in passage["trackline"]["waypoints"]])
-    geod = oracle.pyproj.Geod(a=oracle.R, b=oracle.R)
+    geod = pyproj.Geod(a=oracle.R, b=oracle.R)
     course, _, length = geod.inv(*legs[:-1].T, *legs[1:].T)
     ends = np.concatenate([[0.0], np.cumsum(length)])
     share = rng.triangular(0, 0.6, 1, n)
