@@ -5,6 +5,7 @@
 | `runtime` | start of a backend; arrays on host and device; launches, batches, cards |
 | `maths` | counter-based random numbers, trigonometry on every backend, the exponential map |
 | `step` | start positions; forcing at a point; velocity, errors, integration, shore, states; sums |
+| `drift_models` | drift models of the package, in the form of a user's own |
 | `steering` | steering targets: itineraries, legs, set by the current, pieces of their paths |
 | `evidence` | sorties, sonars, tables of POD, lines and areas: their effect on particles' weights |
 | `planning` | expected results of effort, rectangles, legs, stations and beams |

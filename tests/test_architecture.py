@@ -86,3 +86,23 @@ def test_imports_go_down_the_picture() -> None:
                     wrong.append(f"{path.relative_to(ROOT)} imports {module}")
     assert not wrong
     assert len(seen) > 50  # it did look
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/architecture.md"])
+def test_what_to_change_is_there(page: str) -> None:
+    """Each file that the tables name exists, and holds each name that stands before it."""
+    rows = [line for line in (ROOT / page).read_text(encoding="utf-8").splitlines() if "| " in line]
+    names, wrong = 0, []
+    for line in rows:
+        for before, path in re.findall(
+            r"((?:(?:`\w+`|and|,) )*(?:of|in) )?`([\w/]+/[\w.]*)`", line
+        ):
+            found = [own for own in (ROOT / path, ROOT / "drift" / path) if own.exists()]
+            if not found:
+                wrong.append(f"{path} is not there")
+            for name in re.findall(r"`(\w+)`", before) if found and found[0].is_file() else ():
+                names += 1
+                if not re.search(rf"\b{name}\b", found[0].read_text(encoding="utf-8")):
+                    wrong.append(f"{path} has no {name}")
+    assert not wrong
+    assert names > 10 or page != "CONTRIBUTING.md"

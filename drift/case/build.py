@@ -17,6 +17,7 @@ from drift.case.record import Case, Depth
 from drift.case.schema import CaseTable, CoastTable, OutputTable
 from drift.case.search import barrier as barrier_table
 from drift.case.search import contact as contact_table
+from drift.case.search import drifter as drifter_table
 from drift.case.search import look as look_table
 from drift.case.search import plan as plan_table
 from drift.case.search import presence as presence_table
@@ -27,6 +28,7 @@ from drift.case.values import units
 from drift.case.values.mistakes import Mistakes
 from drift.engine.environment.environment_spec import Coast
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
+from drift.engine.motion.buoys import BuoyTrack
 from drift.engine.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter import filling
@@ -77,6 +79,7 @@ def build_case(table: CaseTable, path: Path, text: str) -> Case:
     opens = _first_map_time(table, search, wrong)
     outputs = _outputs(table, spill, search, opens, wrong)
     current_error, wind_error = _forcing_errors(table, forcing, scenarios, search.contacts, wrong)
+    drifters = _drifters(table, Run(start, end, scenarios, folder), current_error, wrong)
     depth = _depth(table, search.units, folder, wrong)
     coast = _coast(table.coast, folder, wrong)
     resampling = table.resampling.resampling()
@@ -117,6 +120,7 @@ def build_case(table: CaseTable, path: Path, text: str) -> Case:
         contacts=search.contacts,
         sensors=search.sensors,
         named_sensors=search.named,
+        drifters=drifters,
         units=search.units,
         plan=search.plan,
         resampling=resampling,
@@ -174,6 +178,30 @@ def _forcing_errors(
             reason = UNFELT
         wind = uncertainty.error(stated.wind, uncertainty.WIND, reason, "wind")
     return current, wind
+
+
+def _drifters(
+    table: CaseTable, run: Run, current: ForcingError, wrong: Mistakes
+) -> tuple[BuoyTrack, ...]:
+    """Return the drifting buoys of the case; add mistakes to `wrong`."""
+    if not table.drifter:
+        return ()
+    if table.direction == "backward":
+        wrong.lines.append(
+            '[[drifter]]: has no effect in a backward run; leave it out, or direction = "backward"'
+        )
+        return ()
+    if run.scenarios and current.std == 0:
+        wrong.lines.append(
+            "[[drifter]]: the current has no error that a buoy could tell of "
+            f"({current.by[0]}); give uncertainty.current.std, or leave the drifters out"
+        )
+    with wrong.gathered():
+        buoys = drifter_table.build_drifters(table.drifter, run)
+        if run.scenarios:
+            drifter_table.check_near(buoys, run.scenarios, current.length)
+        return buoys
+    return ()
 
 
 def _depth(

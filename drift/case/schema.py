@@ -19,6 +19,7 @@ from drift.case.scenario.scenario import ScenarioTable
 from drift.case.scenario.waypoints import VoyageTable
 from drift.case.search.barrier import BarrierTable, LineTable
 from drift.case.search.contact import ContactTable
+from drift.case.search.drifter import DrifterTable
 from drift.case.search.look import LookTable
 from drift.case.search.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.search.presence import PresenceTable
@@ -255,6 +256,8 @@ class CaseTable(fields.Table):
     """Sensors whose POD depends on the place: passive sonars and POD tables. Watches, looks,
     contacts and units refer to a sensor by name.
     """
+    drifter: list[DrifterTable] = Field(default_factory=list)
+    """Drifting buoys on scene: their tracks correct the errors of the current near them."""
     look: list[LookTable] = Field(default_factory=list)
     """An observation of a field at one time."""
     presence: list[PresenceTable] = Field(default_factory=list)

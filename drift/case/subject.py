@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from drift.case.forcing import sources
-from drift.case.scenario.scenario import PARAMETERS, PYTHON, ScenarioTable
+from drift.case.scenario.scenario import PARAMETERS, ScenarioTable
 from drift.case.schema import CaseTable
 from drift.case.spill import build_spill as build_spill
 from drift.case.values.mistakes import Mistakes
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
+from drift.engine.motion import own_motion
 from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.own_motion import OwnMotion
 from drift.engine.motion.scenario import Scenario
@@ -219,7 +220,7 @@ def _scenario(
 
 def _needs_forcing(model: str) -> bool:
     """Return whether a model of motion needs currents and winds."""
-    if model == "drift" or model.endswith(PYTHON):
+    if model == "drift" or own_motion.is_own(model):
         return True  # answered here, because importing the models loads the Taichi compiler
     from drift.engine.motion.models import MODELS
 

@@ -1,8 +1,8 @@
 """Tracks of a subsample of the particles, for particles.nc: CF trajectories with common times."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
@@ -12,6 +12,7 @@ from drift.forecast.build import Forecast
 from drift.products.files import formats
 from geo import notation, sphere
 from geo.array import Array
+from geo.forcing.quantity import QUANTITIES
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Trajectories:
     release: Array | None = None  # [s]
     ended: Array | None = None  # [s], when it went ashore, outside the forcing or left the domain
     edge: Array | None = None  # of the shoreline, where it went ashore
+    scalars: Mapping[str, Array] = field(default_factory=dict)  # of the forcing, each (m, t)
 
 
 def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
@@ -71,6 +73,14 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
                 },
             ),
             **_events(tracks),
+            **{
+                name: (
+                    by_time,
+                    values.astype(np.float32),
+                    {"long_name": QUANTITIES[name].spoken, "units": QUANTITIES[name].unit},
+                )
+                for name, values in tracks.scalars.items()
+            },
         },
         {
             "trajectory": (

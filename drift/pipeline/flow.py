@@ -44,7 +44,7 @@ from drift.forecast.by_member import Members
 from drift.forecast.products import chapter as forecast_chapter
 from drift.forecast.products import dataset
 from drift.forecast.tracks import Trajectories
-from drift.pipeline import run_metadata, run_setup
+from drift.pipeline import buoy_effect, run_metadata, run_setup
 from drift.pipeline.result import Result
 from drift.pipeline.run_options import (
     Job,
@@ -275,7 +275,8 @@ def _simulate_spill_in_shards(job: Job, many: int, stack: contextlib.ExitStack) 
         return drifted
 
     def renewed(proposal: Proposal, number: int) -> DriftedRun:
-        return moved(*run_setup.renewed(case, where, proposal, number), number)
+        buoys = run.setup.scene.buoys
+        return moved(*run_setup.renewed(case, where, proposal, number, buoys), number)
 
     done, after = _weight_by_finds(job, stretches, moved(run.worlds, case.seed, 0), renewed)
     return FinishedRun(run.setup, done.snapshots, after=after)
@@ -349,11 +350,14 @@ def build_result(job: Job, run: FinishedRun) -> Result:
             grid=case.grid,
             tell=partial(job.tell, "map"),
         )
-        tracks = _sample_tracks(case, snapshots)
+        tracks = _sample_tracks(case, where, snapshots)
     summary = run_metadata.summary_of_run(case, where, end, setup, job.clock.seconds)
     member_told = _results_by_member(setup.spec.members, run)
     if member_told is not None:
         summary |= {"members": by_member.summary_of_members(member_told)}
+    if setup.scene.buoys is not None:
+        with job.clock.phase("drifters"):
+            summary["drifters"] = buoy_effect.summary_of_buoys(case, where, setup.scene.buoys)
     off_map = off_grid.fixed_grid_warnings(forecast.data)
     summary["warnings"] = particles_left.few_particles_warnings(
         forecast.data, case.particles, updates, case.contacts
@@ -694,7 +698,7 @@ def origin(
 trace = origin  # its former name
 
 
-def _sample_tracks(case: Case, snapshots: SnapshotStore) -> Trajectories:
+def _sample_tracks(case: Case, where: Environment, snapshots: SnapshotStore) -> Trajectories:
     """Return the tracks of a subsample of particles, evenly spaced by index.
 
     Before it was resampled, a particle has the track of its ancestors.
@@ -713,4 +717,6 @@ def _sample_tracks(case: Case, snapshots: SnapshotStore) -> Trajectories:
     ended, edge = np.where(over, since, -1), np.where(over, edge, -1)
     times = np.array([snapshots.time(k) for k in range(len(snapshots))])
     at = way["lon"], way["lat"], way["status"], way["probability"]
-    return Trajectories(times, slot, way["scenario"][:, -1], *at, release, ended, edge)
+    scenario = way["scenario"][:, -1]
+    scalars = ambient.scalars_along(where.scenarios, times, scenario, way["lon"], way["lat"])
+    return Trajectories(times, slot, scenario, *at, release, ended, edge, scalars)

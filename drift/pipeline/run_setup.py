@@ -10,12 +10,16 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from drift.case.record import Case
 from drift.engine.environment import coastline, domain, environment, lost
 from drift.engine.environment.environment import Common, Environment
 from drift.engine.environment.environment_spec import Coast, EnvironmentSpec
 from drift.engine.environment.silence import AtEnd
+from drift.engine.motion import buoys as on_scene
 from drift.engine.motion import models, prior, step_size
+from drift.engine.motion.buoys import Buoys
 from drift.engine.motion.clock import Clock
 from drift.engine.motion.ensemble_spec import EnsembleSpec, Release
 from drift.engine.motion.forcing import Forcing
@@ -23,6 +27,7 @@ from drift.engine.motion.period import ClockSpec
 from drift.engine.motion.scene import Scene
 from drift.engine.motion.spool import SnapshotStore
 from drift.engine.motion.step_size import Trial
+from drift.engine.particles import ensemble as record
 from drift.engine.particles import partials, weights
 from drift.engine.particles.columns import Columns
 from drift.engine.particles.ensemble import Ensemble
@@ -37,7 +42,8 @@ from drift.evidence.filter.meeting import Reduction
 from drift.evidence.filter.updates import Update
 from drift.evidence.posterior.beliefs import Beliefs
 from drift.evidence.posterior.source import Particles
-from drift.evidence.sensors import afloat, unknown
+from drift.evidence.sensors import in_water, unknown
+from drift.pipeline import buoys as buoy_errors_at
 from drift.spills.worlds import release, renewal
 from drift.spills.worlds import worlds as drawn_worlds
 from drift.spills.worlds.worlds import Proposal, Worlds
@@ -95,6 +101,7 @@ def ensemble_spec(case: Case) -> EnsembleSpec:
         debris=tuple(contact.drifter for contact in case.contacts if contact.drifter is not None),
         release=Release(case.spill.release_std, case.spill.windage_bias) if case.spill else None,
         counts=case.counts,
+        buoy_states=buoy_errors_at.states_of(case) if case.drifters else 0,
     )
 
 
@@ -134,7 +141,7 @@ def open_for(
     held = environment.hold(asked, datasets, case.path.name)
     where = environment.open_for(ensemble_spec(case), asked, held, seen, common)
     if where.coast is not None:
-        afloat.check_sonars_in_water(
+        in_water.check_sonars_in_water(
             case.named_sensors.values(), coastline.land_reader(where.coast, case.coast)
         )
     return where
@@ -157,8 +164,11 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     shore = device_coast.upload(where.coast) if where.coast and not shore else shore
     drawn_first = draw_prior_worlds(case, where) if case.spill else None
     if case.spill and drawn_first:
-        ensemble = release.draw_release(
-            case.spill, drawn_first, case.period, case.errors, shore, case.seed
+        ensemble = with_buoy_columns(
+            case,
+            release.draw_release(
+                case.spill, drawn_first, case.period, case.errors, shore, case.seed
+            ),
         )
         dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
     else:
@@ -166,6 +176,11 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
         ensemble, dry = drawn.ensemble, prior.shares_on_land(spec, drawn.tried, shore)
     setup = build_setup(case, where, shore, ensemble, dry)
     with closed_on_failure(setup):
+        setup = add_buoys(setup, buoys_of(case, where, setup.clock))
+        if drawn_first is None:
+            weigh_by_buoys(setup.scene.buoys, ensemble)
+        else:
+            drawn_first = weigh_worlds_by_buoys(setup.scene.buoys, drawn_first)
         lacks = lost.prior_without_forcing(where.box, ensemble, setup.scene, setup.clock)
         lost.check_prior(spec, where, case.max_lost, setup.scene, lacks)
         setup = replace(setup, guide=guide_of(case, where, setup))
@@ -184,7 +199,47 @@ def guide_of(case: Case, where: Environment, setup: Setup) -> Guide | None:
     """Fit the guide of particles toward finds of debris; None if the case has none that guide."""
     if case.spill or case.resampling.fills or not any(contact.drifter for contact in case.contacts):
         return None
+    if case.drifters:  # the proposal knows nothing of the errors that buoys share
+        return None
     return pilot.fit(lead_of(case, where, setup), case.contacts)
+
+
+def buoys_of(case: Case, where: Environment, clock: Clock) -> Buoys | None:
+    """Return the errors at the drifting buoys of a case, given their tracks; None without buoys."""
+    return buoy_errors_at.condition_on_buoys(case, where, clock)
+
+
+def add_buoys(setup: Setup, buoys: Buoys | None) -> Setup:
+    """Return a setup whose particles share the errors at buoys."""
+    return replace(setup, scene=buoy_errors_at.share_with_buoys(setup.scene, buoys))
+
+
+def weigh_by_buoys(buoys: Buoys | None, ensemble: Ensemble) -> None:
+    """Multiply the weights of particles by the likelihood of buoys' tracks in their forcing, in
+    place.
+    """
+    if buoys is None or buoys.given.log_likelihood.size == 1:
+        return
+    member = ensemble.own["member"].to_numpy() if buoys.members > 1 else None
+    more = buoys.log_weights(ensemble.scenario.to_numpy(), member)
+    log_weight = ensemble.log_weight.to_numpy()
+    ensemble.log_weight.from_numpy((log_weight + more).astype(np.float32))
+
+
+def weigh_worlds_by_buoys(buoys: Buoys | None, worlds: Worlds) -> Worlds:
+    """Return worlds of a spill weighted by the likelihood of buoys' tracks in their forcing."""
+    if buoys is None or worlds.member is None:
+        return worlds
+    more = buoys.log_weights(np.zeros_like(worlds.member), worlds.member)
+    return replace(worlds, log_weight=worlds.log_weight + more)
+
+
+def with_buoy_columns(case: Case, ensemble: Ensemble) -> Ensemble:
+    """Return an ensemble with the columns in which it shares the errors at buoys, if any."""
+    if not case.drifters:
+        return ensemble
+    columns = on_scene.columns(buoy_errors_at.states_of(case))
+    return replace(ensemble, own={**ensemble.own, **record.filled(columns, ensemble.n)})
 
 
 def apply_guide(case: Case, where: Environment, begin: Start) -> Start:
@@ -369,15 +424,20 @@ def restart_from_proposal(
         number: number of the renewal, from 1.
     """
     assert case.spill is not None
-    drawn, seed = renewed(case, where, proposal, number)
-    ensemble = release.draw_release(
-        case.spill, drawn, case.period, case.errors, before.scene.place.coast, seed
+    drawn, seed = renewed(case, where, proposal, number, before.scene.buoys)
+    ensemble = with_buoy_columns(
+        case,
+        release.draw_release(
+            case.spill, drawn, case.period, case.errors, before.scene.place.coast, seed
+        ),
     )
     again = replace(before.scene, forcing=Forcing(list(where.scenarios), case.direction))
     return replace(before, ensemble=ensemble, scene=again, worlds=drawn)
 
 
-def renewed(case: Case, where: Environment, proposal: Proposal, number: int) -> tuple[Worlds, int]:
+def renewed(
+    case: Case, where: Environment, proposal: Proposal, number: int, buoys: Buoys | None
+) -> tuple[Worlds, int]:
     """Return new worlds drawn from a proposal, and the seed of their objects.
 
     Args:
@@ -385,13 +445,15 @@ def renewed(case: Case, where: Environment, proposal: Proposal, number: int) -> 
         where: its environment.
         proposal: the distribution of the new worlds.
         number: number of the renewal, from 1.
+        buoys: drifting buoys, which tell of the members of a forcing ensemble; None: none.
     """
     assert case.spill is not None
     assert where.coast is not None
     seed = noise.seed_for(case.seed, Purpose.RENEWAL, number)
-    return drawn_worlds.draw_worlds(
+    drawn = drawn_worlds.draw_worlds(
         case.spill, seed, partial(shoreline.is_land, where.coast), proposal
-    ), seed
+    )
+    return weigh_worlds_by_buoys(buoys, drawn), seed
 
 
 def beliefs(case: Case, begin: Start) -> Beliefs | None:

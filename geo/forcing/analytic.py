@@ -15,7 +15,7 @@ from geo import sphere
 from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
-from geo.forcing.quantity import QUANTITIES
+from geo.forcing.quantity import velocities
 
 Velocity = Callable[[float], tuple[Array, Array]]
 Flow = Callable[[ArrayLike, ArrayLike], Velocity]
@@ -296,7 +296,7 @@ def breeze(
 # kind -> (builder, quantities that it may stand for, default grid spacing [deg])
 KINDS: dict[str, tuple[Callable[..., Flow], tuple[str, ...], float]] = {
     "gulf": (gulf, ("current",), 0.05),
-    "solid_rotation": (solid_rotation, tuple(QUANTITIES), 0.25),
+    "solid_rotation": (solid_rotation, velocities(), 0.25),
     "stommel_gyre": (stommel_gyre, ("current",), 0.05),
     "inertial": (inertial, ("current",), 0.25),
     "breeze": (breeze, ("wind",), 0.25),

@@ -127,10 +127,15 @@ def describe(source: Source) -> list[str]:
     missing = f"  missing  {notation.percent(source.missing)} of the nodes of the first slice"
     lines.append(missing)
     if np.isfinite(speed).any():
+        unit = QUANTITIES[source.quantity].unit_text
+        figures = (
+            f"mean {np.nanmean(speed, dtype=float):.2f}{unit}, largest {np.nanmax(speed):.2f}{unit}"
+        )
         middle = np.nanmean(values.reshape(-1, 2), axis=0, dtype=float)
         lines.append(
-            f"  speed    mean {np.nanmean(speed, dtype=float):.2f} m/s, largest {np.nanmax(speed):.2f} m/s; "
-            f"mean vector {middle[0]:+.2f} east, {middle[1]:+.2f} north"
+            f"  value    {figures}"
+            if QUANTITIES[source.quantity].scalar
+            else f"  speed    {figures}; mean vector {middle[0]:+.2f} east, {middle[1]:+.2f} north"
         )
     lines += [f"  note     {note}" for note in source.notes]
     lines.append(f"  hash     {source.fingerprint}")

@@ -191,7 +191,7 @@ def _convert_units(
     if pair[0].lower() == pair[1].lower():
         return data
     try:
-        factors = [speed.factor_to_mps(units) for units in pair]
+        factors = [speed.factor_to("m/s", units) for units in pair]
     except UserError:
         return data
     ratio, variable = factors[1] / factors[0], data.variables[name]

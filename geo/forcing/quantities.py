@@ -18,108 +18,6 @@ Attributes = Mapping[str, Any]
 # 9.9 to 99999: numbers of nines, which are often fill values
 NINES = tuple(k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1)
 
-# (east or x, north or y, axes: "true" for east and north or "grid" for the grid's own), best first
-STANDARD: dict[str, tuple[tuple[str, str, str], ...]] = {
-    "current": (
-        ("surface_eastward_sea_water_velocity", "surface_northward_sea_water_velocity", "true"),
-        ("eastward_sea_water_velocity", "northward_sea_water_velocity", "true"),
-        ("surface_sea_water_x_velocity", "surface_sea_water_y_velocity", "grid"),
-        ("surface_x_sea_water_velocity", "surface_y_sea_water_velocity", "grid"),
-        ("x_sea_water_velocity", "y_sea_water_velocity", "grid"),
-        ("sea_water_x_velocity", "sea_water_y_velocity", "grid"),
-        ("sea_water_x_velocity_at_u_location", "sea_water_y_velocity_at_v_location", "grid"),
-        (
-            "surface_geostrophic_eastward_sea_water_velocity",
-            "surface_geostrophic_northward_sea_water_velocity",
-            "true",
-        ),
-    ),
-    "wind": (
-        ("eastward_wind", "northward_wind", "true"),
-        ("x_wind", "y_wind", "grid"),
-        ("grid_eastward_wind", "grid_northward_wind", "grid"),
-    ),
-    "stokes": (
-        (
-            "sea_surface_wave_stokes_drift_eastward_velocity",
-            "sea_surface_wave_stokes_drift_northward_velocity",
-            "true",
-        ),
-        ("eastward_surface_stokes_drift", "northward_surface_stokes_drift", "true"),
-        ("surface_eastward_stokes_drift", "surface_northward_stokes_drift", "true"),
-        (
-            "sea_surface_wave_stokes_drift_x_velocity",
-            "sea_surface_wave_stokes_drift_y_velocity",
-            "grid",
-        ),
-    ),
-}
-
-# (east, north, axes); axes "?": grid axes if the grid is not aligned with north, as models usually
-# store them
-COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
-    "current": (
-        ("u_eastward", "v_northward", "true"),
-        ("u_sur_eastward", "v_sur_northward", "true"),
-        ("water_u", "water_v", "true"),
-        ("uo", "vo", "?"),
-        ("uos", "vos", "?"),
-        ("ssu", "ssv", "?"),
-        ("usurf", "vsurf", "?"),
-        ("u_surf", "v_surf", "?"),
-        ("u_sur", "v_sur", "grid"),
-        ("utotal", "vtotal", "true"),
-        ("vozocrtx", "vomecrty", "grid"),
-        ("sozocrtx", "somecrty", "grid"),
-        ("horizontalVelX", "horizontalVelY", "true"),
-        ("hvel", "hvel", "true"),
-        ("uogrd", "vogrd", "true"),
-        ("ucur", "vcur", "true"),
-        ("ucurr", "vcurr", "true"),
-        ("u_current", "v_current", "true"),
-        ("current_u", "current_v", "true"),
-        ("ugos", "vgos", "true"),
-        ("u_velocity", "v_velocity", "?"),
-        ("u", "v", "?"),
-    ),
-    "wind": (
-        ("u10", "v10", "?"),
-        ("U10M", "V10M", "true"),
-        ("u10m", "v10m", "true"),
-        ("10u", "10v", "true"),
-        ("u10n", "v10n", "true"),
-        ("air_u", "air_v", "true"),
-        ("x_wind_10m", "y_wind_10m", "grid"),
-        ("x_wind", "y_wind", "grid"),
-        ("uas", "vas", "true"),
-        ("ugrd10m", "vgrd10m", "true"),
-        ("UGRD_10maboveground", "VGRD_10maboveground", "true"),
-        ("UGRD", "VGRD", "true"),
-        (
-            "u-component_of_wind_height_above_ground",
-            "v-component_of_wind_height_above_ground",
-            "true",
-        ),
-        ("uwnd", "vwnd", "true"),
-        ("u_wind", "v_wind", "true"),
-        ("wind_u", "wind_v", "true"),
-        ("eastward_wind", "northward_wind", "true"),
-        ("Uwind", "Vwind", "?"),
-        ("windSpeedX", "windSpeedY", "true"),
-        ("uwind_speed", "vwind_speed", "true"),
-        ("windx", "windy", "true"),
-        ("u", "v", "?"),
-    ),
-    "stokes": (
-        ("VSDX", "VSDY", "true"),
-        ("ust", "vst", "true"),
-        ("uuss", "vuss", "true"),
-        ("uss", "vss", "true"),
-        ("ustokes", "vstokes", "true"),
-        ("u_stokes", "v_stokes", "true"),
-        ("stokes_u", "stokes_v", "true"),
-    ),
-}
 # suffixes of CF standard names of variables that describe another variable
 MODIFIERS = (
     "_standard_error",
@@ -196,7 +94,7 @@ def _prefer(
         ]
         names = ten or names
     if len(names) > 1:
-        usual = [pair[0 if east else 1] for pair in COMMON[quantity]]
+        usual = [pair[0 if east else 1] for pair in QUANTITIES[quantity].usual_names]
         names = [n for n in usual if n in names][:1] or names
     return names
 
@@ -210,7 +108,7 @@ def _with_standard_name(variables: Mapping[str, Attributes], key: str, name: str
 
 def _by_standard_name(quantity: str, variables: Mapping[str, Attributes], key: str) -> Pair | None:
     halves: list[str] = []
-    for east_name, north_name, axes in STANDARD[quantity]:
+    for east_name, north_name, axes in QUANTITIES[quantity].standard_names:
         candidates = [
             _prefer(_with_standard_name(variables, key, name), variables, quantity, east)
             for name, east in ((east_name, True), (north_name, False))
@@ -230,11 +128,13 @@ def _by_standard_name(quantity: str, variables: Mapping[str, Attributes], key: s
 
 def _by_common_name(quantity: str, variables: Mapping[str, Attributes]) -> Pair | None:
     folded = {name.lower(): name for name in variables}
-    for east, north, axes in COMMON[quantity]:
+    for east, north, axes in QUANTITIES[quantity].usual_names:
         pair = [name if name in variables else folded.get(name.lower()) for name in (east, north)]
         if pair[0] is None or pair[1] is None:
             continue
         statements = {said(variables[name]) for name in pair if name is not None}
+        if QUANTITIES[quantity].scalar:
+            statements = set()  # `said` knows velocities
         if statements - {None, quantity} or (
             east in PLAIN and not QUANTITIES[quantity].plain and None in statements
         ):
@@ -298,7 +198,8 @@ def find(
                     f'{name}: no variable "{chosen[key]}"; it holds {_list_names(variables)}; set [[{quantity}]] variables'
                 )
         east, north = str(chosen["east"]), str(chosen["north"])
-        standard = {e: a for e, _, a in STANDARD[quantity]} | {e: a for e, _, a in COMMON[quantity]}
+        names = QUANTITIES[quantity]
+        standard = {e: a for e, _, a in (*names.standard_names, *names.usual_names)}
         axes_named = (
             standard.get(_standard_name(variables[east], "standard_name"))
             or standard.get(east)
@@ -318,9 +219,10 @@ def _list_names(variables: Mapping[str, Attributes]) -> str:
 
 def _absence_message(quantity: str, variables: Mapping[str, Attributes], name: str) -> str:
     where = f"set [[{quantity}]] files to one that does, or [[{quantity}]] variables = {{ east = ..., north = ... }}"
+    known = (*QUANTITIES[quantity].standard_names, *QUANTITIES[quantity].usual_names)
     components = (
-        {name for name, _, _ in STANDARD[quantity] + COMMON[quantity]},
-        {north for _, north, _ in STANDARD[quantity] + COMMON[quantity]},
+        {name for name, _, _ in known},
+        {north for _, north, _ in known},
     )
     for present, lacking, side in ((0, 1, "northward"), (1, 0, "eastward")):
         lone = [

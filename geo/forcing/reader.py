@@ -16,7 +16,7 @@ from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
 from geo.files import dataset
-from geo.forcing import ensemble, harmonise, members, quantities, survey, validity
+from geo.forcing import derived, ensemble, harmonise, members, quantities, survey, validity
 from geo.forcing.quantity import QUANTITIES
 from geo.forcing.reading import blank, component, memory, nest, slices, tile
 from geo.forcing.reading.component import Component
@@ -27,6 +27,8 @@ from geo.grids.grid import Grid
 from geo.grids.layout import Layout
 
 Values = NDArray[np.float32]
+
+ZERO = "(zero)"  # name of the second component of a scalar
 
 
 @dataclass(frozen=True)
@@ -284,8 +286,12 @@ def _open_single(
     fields = {k: a for k, a in attributes.items() if _is_field(k, files)}
     _check_chosen(request, files)
     pair = quantities.find(q, fields, request.variables, request.name)
-    notes.append(f"{QUANTITIES[q].spoken} from {pair.east}, {pair.north} (found by {pair.how})")
+    names = pair.east if QUANTITIES[q].scalar else f"{pair.east}, {pair.north}"
+    notes.append(f"{QUANTITIES[q].spoken} from {names} (found by {pair.how})")
     _check_sizes(request, pair, files)
+    if QUANTITIES[q].scalar:
+        files = [(path, _with_zero_component(data, pair.east)) for path, data in files]
+        pair = replace(pair, north=ZERO)
     first, second = _gather_components(request, pair, files, notes)
     if request.lenient and not request.members and first.member is not None:
         labels = members.labels(first.segments[0][0], first.member)
@@ -498,11 +504,30 @@ def _check_sizes(
                     f"{path}: {component.describe_dims(data, name)} holds no value along {empty[0]}; "
                     f"set [[{request.quantity}]] files"
                 )
-        shared = pair.east == pair.north and pair.east in data.variables
+        shared = (
+            not QUANTITIES[request.quantity].scalar
+            and pair.east == pair.north
+            and pair.east in data.variables
+        )
         if shared and not any(str(d).lower() in component.HORIZONTAL for d in data[pair.east].dims):
             raise UserError(
                 f"{path}: {pair.east} is named as both components; set [[{request.quantity}]] variables.north"
             )
+
+
+def _with_zero_component(data: xr.Dataset, name: str) -> xr.Dataset:
+    """Return a dataset in which a scalar has a second component, zero where the scalar has a
+    value.
+    """
+    if name not in data.variables:
+        return data
+    variable = data[name].variable
+
+    def read(part: derived.Part) -> Array:
+        return derived.values_of(variable, part) * 0.0
+
+    zero = xr.DataArray(derived.derive(variable, read), data[name].coords)
+    return data.assign({ZERO: zero})
 
 
 def _is_field(name: str, files: list[tuple[str, xr.Dataset]]) -> bool:

@@ -382,14 +382,19 @@ def _build_uniform(
     )
     rest = f" and {len(values) - 3} more" if len(values) > 3 else ""
     note = f"the same everywhere: {description}{rest}"
-    if about is None:
+    if about is None or QUANTITIES[quantity].scalar:
         return Source(quantity, name, EVERYWHERE, times, read, 0.0, (note,), digest)
     note += f"; near the pole one direction, stated for {notation.position(*about)}"
     return Source(quantity, name, ABOUT_POLE, times, read_about, 0.0, (note,), digest)
 
 
 def format_vector(quantity: str, east: float, north: float) -> str:
-    """Return a vector as mariners write it: in knots, winds from and currents toward a bearing."""
+    """Return a vector as mariners write it: in knots, winds from and currents toward a bearing.
+
+    Of a scalar return the value with its unit.
+    """
+    if QUANTITIES[quantity].scalar:
+        return f"{east:.6g}{QUANTITIES[quantity].unit_text}"
     speed = float(np.hypot(east, north))
     if speed == 0:
         return "0 kn"

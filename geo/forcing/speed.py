@@ -1,4 +1,4 @@
-"""Conversion of units of speed, as files and users write them, to metres per second.
+"""Conversion of units, as files and users write them, to those of a quantity: mostly m/s.
 
 Usual spellings are looked up in a table; pint, which is slow to import, parses all others.
 """
@@ -60,12 +60,19 @@ WORDS = (
 TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")
 
 
-def factor_to_mps(units: str) -> float:
-    """Return the factor that converts values in these units to m/s.
+def factor_to(unit: str, units: str) -> float:
+    """Return the factor that converts values in some units to a unit.
 
-    Raises UserError if the units are not a speed.
+    Args:
+        unit: of a quantity: "m/s", "1" for a share, or any other that pint knows.
+        units: as a file or a user writes them.
+
+    Raises:
+        UserError: the units cannot be converted.
     """
     text = units.strip()
+    if unit != "m/s":
+        return _factor_of_scalar(unit, text)
     if text.lower() in COMMON:
         return COMMON[text.lower()]
     import pint  # imported late: it takes a quarter of a second, which files in m/s do not need
@@ -88,6 +95,21 @@ def factor_to_mps(units: str) -> float:
         raise UserError(
             f'units "{units}" are not a speed; allowed: m/s, cm/s, kn and the like'
         ) from error
+
+
+def _factor_of_scalar(unit: str, text: str) -> float:
+    import pint  # imported late, as above
+
+    registry: Any = pint.UnitRegistry()
+    try:
+        if TOWER.search(text):
+            raise ValueError
+        own, wanted = (
+            registry.Quantity(1, "" if one in ("1", "") else one) for one in (text, unit)
+        )
+        return float(own.to(wanted.units).magnitude)
+    except Exception as error:  # as above
+        raise UserError(f'units "{text}" cannot be converted to "{unit}"') from error
 
 
 def inside_text(text: str) -> str | None:

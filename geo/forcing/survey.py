@@ -230,12 +230,13 @@ def _zero_shares(
 def _may_be_dry(components: tuple[Component, Component], samples: list[Array]) -> bool:
     """Return True if zeros may mean land.
 
-    They cannot in a wind, nor if a mask or the case says which water is still. Stokes drift is
+    They cannot in a wind or a scalar, nor if a mask or the case says which water is still. Stokes drift is
     often zero in a lee, once packed; its zeros may mean land only in a file without missing values.
     """
     first = components[0]
     if (
         QUANTITIES[first.quantity].in_air
+        or QUANTITIES[first.quantity].scalar
         or first.unmasked
         or any(c.mask is not None for c in components)
     ):
@@ -262,21 +263,26 @@ def _check_speeds(
         float(np.percentile(speed, PERCENTILE)),
         float(speed.max()),
     )
-    figures = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
+    unit = QUANTITIES[quantity].unit_text
+    figures = (
+        f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g}{unit}"
+    )
     quantity_name, fastest = QUANTITIES[quantity].spoken, QUANTITIES[quantity].fastest
     strong = QUANTITIES[quantity].strong_mean
     if math.isfinite(strong):
         good = mean <= strong and high <= fastest
-        allowed = f"a {quantity_name}'s mean is at most {strong:g}, its {PERCENTILE:g}th percentile at most {fastest:g} m/s"
+        allowed = f"a {quantity_name}'s mean is at most {strong:g}, its {PERCENTILE:g}th percentile at most {fastest:g}{unit}"
     else:
-        good, allowed = largest <= fastest, f"a {quantity_name} is at most {fastest:g} m/s"
+        good, allowed = largest <= fastest, f"a {quantity_name} is at most {fastest:g}{unit}"
     if not good and plausible:
         return [
             f"speeds that no {quantity_name} has ({figures}), accepted because plausible = true"
         ]
     if not good:
+        given = components[:1] if QUANTITIES[quantity].scalar else components
+        names = ", ".join(component.name for component in given)
         raise UserError(
-            f"{name}: {components[0].name}, {components[1].name} can't be a {quantity_name}: {figures}; {allowed}. "
+            f"{name}: {names} can't be a {quantity_name}: {figures}; {allowed}. "
             f"Is it another quantity, or in other units? Correct [[{quantity}]] files, variables or units, or set "
             "plausible = true"
         )

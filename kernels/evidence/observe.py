@@ -341,9 +341,10 @@ def _observing(Ways: Any, steers: bool) -> Any:
                     there = there_since[there_at + i] <= since and times[3] >= since + lasting
                 if not there:
                     here = NONE
-                if ti.static(kind == IN_BOX or kind == IN_DISC):
-                    if here == NONE and state <= life.PENDING:  # otherwise it is still under way
-                        stays = 0.0
+            if ti.static(kind == IN_BOX or kind == IN_DISC):
+                # it has not departed yet, or has left or sunk
+                if here == NONE and state <= life.PENDING:
+                    stays = 0.0
             while here != NONE and stays > 0.0 and log_stayed > -ti.math.inf:
                 piece = pieces.load_piece(
                     steers, paths, i, here, state, status_since[i], since, lasting, 1
@@ -356,8 +357,7 @@ def _observing(Ways: Any, steers: bool) -> Any:
                         paths.piece_count[here] * CUTS + count,
                     )
                     if ti.static(kind == IN_BOX or kind == IN_DISC):
-                        # it got under way after the window began
-                        if here == i and piece.begin > 0.0 and piece.begin < whole:
+                        if here == i and piece.begin > 0.0:  # it departs after the window's begin
                             stays = 0.0
                     if piece.begin < 0.0:
                         piece.lon, piece.lat, piece.begin = before_lon[i], before_lat[i], 0.0

@@ -33,6 +33,8 @@ STREAM_TOUCH = 14  # midpoints of its pieces, for touches of a line or area
 # particles drawn for a tracker's cloud; negative, as the classes of debris count upwards
 STREAM_CLOUD = -1
 STREAM_ACT = -2  # acts of these particles
+STREAM_BUOYS = -3  # errors that particles share with buoys
+STREAM_BUOYS_BEGIN = -4  # and those at the begin of the run
 STREAM_DEBRIS = 16  # the first of many: each class of debris has its own stream
 
 u32x4 = ti.types.vector(4, ti.u32)

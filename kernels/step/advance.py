@@ -21,7 +21,7 @@ from kernels.maths import noise, sphere
 from kernels.maths.noise import Purpose
 from kernels.runtime import batch, bundle, launch, rows, runtime
 from kernels.runtime.batch import Batch
-from kernels.step import curve, errors, guide, integrate, life, shore
+from kernels.step import buoys, curve, errors, guide, integrate, life, shore
 from kernels.step.coast import POLEWARD, Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.step.errors import Physics
 from kernels.step.features import (
@@ -41,6 +41,7 @@ from kernels.step.features import (
     POLAR,
     REFLOAT,
     RK4,
+    SHARED,
     SINK,
     SLIDE,
     WIND,
@@ -78,6 +79,7 @@ OwnColumns = ti.types.argpack(
     leeway_rows=Reals,  # (6 n,) rows LEEWAY
     error_rows=Reals,  # (6 n,) rows errors.ROWS
     nudge_rows=Reals,  # (4 n,) rows guide.NUDGES
+    shared_rows=Reals,  # (6 n,) rows buoys.SHARED
     member_of=Ints,
     bend=Reals,
 )
@@ -114,6 +116,7 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
         "line": 6 * lines,
         "errors": 4 * wanders,
         "nudge": 4 * bool(wanders and features & GUIDED),  # added to the normals of the errors
+        "shared": 6 * bool(wanders and features & SHARED),  # see kernels.step.buoys
         "bias": 2,
         "error": 4,
         "log": 3,
@@ -192,6 +195,10 @@ def _muster(
                 nudge = ti.Vector([own.nudge_rows[k * n + i] for k in ti.static(range(4))])
                 for k in ti.static(range(4)):
                     held.nudge[k, j] = nudge[k]
+            if ti.static(features & SHARED):
+                shared = ti.Vector([own.shared_rows[k * n + i] for k in ti.static(range(6))])
+                for k in ti.static(range(6)):
+                    held.shared[k, j] = shared[k]
         if ti.static(features & BIAS):
             for k in ti.static(range(2)):
                 held.bias[k, j] = own.error_rows[(errors.CURRENT_BIAS + k) * n + i]
@@ -338,6 +345,8 @@ def _refloat(
     if ti.static(features & BIAS):
         held.error[0, j] += held.bias[0, j]
         held.error[1, j] += held.bias[1, j]
+    if ti.static(features & ERRORS and features & SHARED):
+        errors.share(features, held, j)
     led = f32x2(0.0)  # drift off the beach at both ends [m/s]
     for k in range(2):
         when = held.left[0, j] if k == 0 else held.finish[0, j]
@@ -773,6 +782,7 @@ class Surroundings(NamedTuple):
     scheme: str = "rk4"
     polar: bool = False  # whether the domain holds a pole
     guided: bool = False  # whether noise is nudged: kernels.step.guide
+    shares: bool = False  # whether errors are shared with buoys: kernels.step.buoys
 
 
 def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) -> int:
@@ -780,7 +790,9 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
 
     A feature that a scenario does not use leaves its bits unchanged: each term is off at zero.
     """
-    forcing = sum(FORCING[quantity] for quantity, (first, last) in ranges.items() if last > first)
+    forcing = sum(
+        FORCING.get(quantity, 0) for quantity, (first, last) in ranges.items() if last > first
+    )
     wind = bool(forcing & WIND)
     coastal = place.coast is not None
     return (
@@ -798,6 +810,7 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
         | DEBRIS * (place.debris > 0)
         | POLAR * place.polar
         | GUIDED * place.guided
+        | SHARED * place.shares
         | LAYERS * any(last - first > 1 for first, last in ranges.values())
     )
 
@@ -885,6 +898,7 @@ def mover(
             rows.whole(ensemble.own, LEEWAY),
             rows.whole(ensemble.own, errors.ROWS),
             guide.nudges_of(ensemble.own, place.guided),
+            buoys.shared_of(ensemble.own, place.shares),
             members_of(ensemble.own, tiles),
             bend if keeps else runtime.empty(4),
         ),

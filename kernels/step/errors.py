@@ -5,7 +5,8 @@ from typing import NamedTuple
 import taichi as ti
 
 from kernels.maths import noise, sphere
-from kernels.step.features import BIAS, DEBRIS, DIFFUSION, ERRORS, GUIDED, JIBE, WIND
+from kernels.step import buoys
+from kernels.step.features import BIAS, DEBRIS, DIFFUSION, ERRORS, GUIDED, JIBE, SHARED, WIND
 
 f32x2 = ti.types.vector(2, ti.f32)
 
@@ -80,6 +81,22 @@ def walked(walk: f32x2, c: ti.f32, s: ti.f32) -> f32x2:
 
 
 @ti.func
+def share(features: ti.template(), held: ti.template(), j: ti.i32):
+    """Add to the errors of particle j of a bundle what it shares with buoys: see
+    kernels.step.buoys.
+    """
+    for k in ti.static(range(2)):
+        held.error[k, j] = (
+            held.shared[buoys.OWN_CURRENT, j] * held.error[k, j] + held.shared[buoys.CURRENT + k, j]
+        )
+        if ti.static(features & WIND):
+            held.error[2 + k, j] = (
+                held.shared[buoys.OWN_WIND, j] * held.error[2 + k, j]
+                + held.shared[buoys.WIND + k, j]
+            )
+
+
+@ti.func
 def draw_errors(
     features: ti.template(),
     width: ti.template(),
@@ -94,6 +111,7 @@ def draw_errors(
     the noise), dt, bias, and `nudge`, which is added to the normals of the errors of guided
     particles (kernels.step.guide). Updated: errors of current and wind, east and north [m/s], and
     the side. Written: `error`, the mean of the errors at begin and end of the step plus the bias,
+    with what is shared with buoys,
     and `walk`, east and north [m], of variance 2 D dt [m2]. table: the `Physics` of each scenario;
     terms: see kernels.step.advance.
     """
@@ -148,3 +166,5 @@ def draw_errors(
         if ti.static(features & BIAS):
             held.error[0, j] += held.bias[0, j]
             held.error[1, j] += held.bias[1, j]
+        if ti.static(features & ERRORS and features & SHARED):
+            share(features, held, j)

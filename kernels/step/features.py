@@ -23,9 +23,11 @@ Terms that are not requested are not compiled.
     POLAR,
     GUIDED,
     PARAMETERS,
-) = (1 << k for k in range(19))
+    SHARED,
+) = (1 << k for k in range(20))
 # LAYERS: a quantity of the forcing has several tiles; POLAR: the domain holds a pole; PARAMETERS:
-# the velocity is the user's own, with its parameters in the columns of the leeway lines.
+# the velocity is the user's own, with its parameters in the columns of the leeway lines; SHARED:
+# part of the errors is shared with buoys (kernels.step.buoys).
 LINES = WIND | PARAMETERS  # features that read these columns
-# feature of each quantity of the forcing
+# feature of each quantity of the forcing that moves particles
 FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}

@@ -59,7 +59,7 @@ def fit_bridge(args: argparse.Namespace) -> Answer:
         )
         fastest = take.parse_positive_quantity(args.max_speed, "m/s", "--max-speed", "60 kn")
         without = None if args.without is None else take.parse_box(args.without)
-        from drift.assess.verify import reading
+        from drift.case.tracking import reading
         from drift.tracking.bridges import fit, text
         from drift.tracking.bridges.stretches import Rules
 

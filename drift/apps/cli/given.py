@@ -125,7 +125,7 @@ def parse_box(text: str) -> Any:
 
 def drifter_reading_options(args: argparse.Namespace) -> dict[str, Any]:
     """Return the options for reading a file of drifter tracks."""
-    from drift.assess.verify import reading
+    from drift.case.tracking import reading
 
     return {
         "columns": reading.parse_columns(args.columns),

@@ -10,7 +10,7 @@ from typing import Any
 
 from drift.apps.cli import export, fetch, serve
 from geo.errors import UserError
-from geo.forcing.quantity import QUANTITIES
+from geo.forcing.quantity import QUANTITIES, velocities
 
 SHELLS = ("bash", "zsh", "fish", "tcsh")
 BACKENDS = ("cpu", "cuda", "vulkan", "metal", "auto")
@@ -167,7 +167,7 @@ def _add_drifters(command: argparse.ArgumentParser) -> None:
         default="",
         metavar="KEY=COLUMN,..",
         help="forcing along the tracks, in place of the case's: current_east=u,current_north=v, and "
-        f"{', '.join(f'{quantity}_' for quantity in QUANTITIES if quantity != 'current')} likewise",
+        f"{', '.join(f'{quantity}_' for quantity in velocities() if quantity != 'current')} likewise",
     )
     command.add_argument(
         "--max-gap",

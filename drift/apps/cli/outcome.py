@@ -16,7 +16,7 @@ from drift.spills.backtrack import text as origin_text
 from drift.spills.worlds import verdict
 from drift.spills.worlds.products import tables as washup_tables
 from geo import notation
-from geo.notation import NMI, format_dtg, position
+from geo.notation import KNOT, NMI, format_dtg, position
 
 WORTH_A_WARNING = 0.01  # share of lost probability above which a line reports it
 ASHORE = 0.01  # share of a POS due to stranded particles above which it is reported separately
@@ -48,7 +48,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
         if share > 0:
             facts[status.replace("_", " ")] = notation.percent(share)
     facts |= {"errors": errors} if (errors := numbers["uncertainty"]["told"]) else {}
-    facts |= _search(numbers) | _guided(numbers)
+    facts |= _search(numbers) | _guided(numbers) | _drifters(numbers)
     facts |= _lost(numbers)
     facts |= _coast(numbers)
     facts |= {"members": _members(numbers["members"])} if "members" in numbers else {}
@@ -65,6 +65,32 @@ def _guided(numbers: dict[str, Any]) -> Facts:
     return {
         "guided": f"{notation.percent(share, 0)} of the particles, toward contact {finds}; weights account for it"
     }
+
+
+def _drifters(numbers: dict[str, Any]) -> Facts:
+    """Return what each drifting buoy told, and the areas without them; nothing without buoys."""
+    if "drifters" not in numbers:
+        return {}
+    told, facts = numbers["drifters"], {}
+    for number, own in enumerate(told["buoys"], 1):
+        text = (
+            f'"{own["name"]}": {own["displacements"]} displacements, until {notation.format_dtg(own["last_fix"])}; the current there was '
+            f"{own['excess_m_s'] / KNOT:.2f} kn toward {notation.bearing(own['excess_toward_deg'])} beyond the forcing"
+        )
+        if without := own.get("area_nmi2_without_it"):
+            text += f"; areas without it: {_listed_areas(without)}"
+        facts[f"drifter {number}"] = text
+    if "area_nmi2" in told:
+        both = told["area_nmi2"]
+        facts["areas by drifters"] = (
+            f"before any search, with them {_listed_areas(both['with'])}; without {_listed_areas(both['without'])}"
+        )
+    return facts | {f"drifters, note {k}": note for k, note in enumerate(told["notes"], 1)}
+
+
+def _listed_areas(areas: dict[str, float]) -> str:
+    """Return areas by share in one line."""
+    return ", ".join(f"{share} {area:,.0f}" for share, area in areas.items()) + " nmi2"
 
 
 def _areas(output: dict[str, Any]) -> Facts:

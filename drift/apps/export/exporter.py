@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from drift.apps.export import animation, bridge, finished, gis, globe, plotter, raster
+from drift.apps.export import animation, finished, gis, globe, plotter, raster, routes
 from drift.apps.export.finished import Finished, Release
 from drift.products.files import publication, writer
 from geo.errors import UserError
@@ -15,7 +15,7 @@ FORMATS: Mapping[str, Callable[[Finished], dict[str, bytes]]] = {
     "gpx": plotter.files,
     "geojson": gis.files,
     "geotiff": raster.files,
-    "rtz": bridge.files,
+    "rtz": routes.files,
     "gif": animation.files,
 }
 # Formats for results of `drift origin`.

@@ -12,7 +12,7 @@ from drift.case.record import Case
 from drift.case.sonar import sonar
 from drift.case.values import fields, units
 from drift.evidence.filter.records import Sortie
-from drift.evidence.sensors import grid_pod, hearing
+from drift.evidence.sensors import hearing, pod_table
 from drift.evidence.sensors.records import Levels, Noise, PodGrid, Sensor, Sonar
 from geo import notation, sphere
 from geo.errors import UserError
@@ -201,7 +201,7 @@ def _coverage_centre(grid: PodGrid, when: np.datetime64) -> tuple[float, float]:
     """Return the centre (lon, lat) [deg] of the coverage of a POD table by position."""
     assert grid.lon is not None
     assert grid.lat is not None
-    seen = grid_pod.pod_at(grid, when) > 0
+    seen = pod_table.pod_at(grid, when) > 0
     seen = seen if seen.any() else ~seen
     lon, lat = grid.lon[seen.any(axis=0)], grid.lat[seen.any(axis=1)]
     centre = math.degrees((lon[0] + lon[-1]) / 2), math.degrees((lat[0] + lat[-1]) / 2)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from drift.apps.sensor.records import Looked, Question, Reach
-from drift.evidence.sensors import grid_pod, hearing, unknown
+from drift.evidence.sensors import hearing, pod_table, unknown
 from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import PodGrid
 from geo import sphere
@@ -52,7 +52,7 @@ def look(question: Question, lon: Array, lat: Array) -> Looked:
     at = math.radians(question.place[0]), math.radians(question.place[1])
     sees = question.sensor.sees
     if isinstance(sees, PodGrid):
-        return Looked(np.asarray(grid_pod.chance(sees, at, question.time, lon, lat)), None)
+        return Looked(np.asarray(pod_table.chance(sees, at, question.time, lon, lat)), None)
     source = np.array(question.level)
     excess = hearing.signal_excess_of_sources(
         Receiver(sees, question.beams), at, question.heading, question.time, lon, lat, source
@@ -82,7 +82,7 @@ def _horizon(question: Question) -> float:
     assert sees.lon is not None
     assert sees.lat is not None
     x, y = np.meshgrid(sees.lon, sees.lat)
-    covered = (grid_pod.pod_at(sees, question.time) > 0) | np.zeros(x.shape, bool)
+    covered = (pod_table.pod_at(sees, question.time) > 0) | np.zeros(x.shape, bool)
     at = np.radians(question.place)
     distances = sphere.distance(at[0], at[1], x[covered], y[covered])
     # A value of the table applies up to the next points.

@@ -19,6 +19,7 @@ from drift.assess.verify import error_law
 from drift.assess.verify.error_law import Tracks
 from drift.case import file as case_file
 from drift.case.record import Case
+from drift.engine.environment import along_track
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.own_motion import OwnMotion
 from drift.pipeline import run_setup
@@ -26,11 +27,8 @@ from drift.tracking.tracks.records import Track, breaks
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
-from geo.forcing.quantity import QUANTITIES
+from geo.forcing.quantity import QUANTITIES, velocities
 
-PIECE = 3600.0  # [s] longest piece of a drifter's track for one quadrature
-# distance of the two quadrature points from the middle of a piece of length 1
-GAUSS = 0.5 / np.sqrt(3.0)
 MARGIN = 0.3  # [deg] margin about all tracks within which forcing is read
 # keys of a case that a comparison with drifters does not use
 ELSEWHERE = ("sortie", "contact", "unit", "plan", "resampling", "expect", "find", "patrol")
@@ -93,13 +91,13 @@ def compare_displacements(
     Raises:
         UserError: no displacement lies where there is forcing, or the forcing is an ensemble.
     """
-    reported = {quantity for quantity in QUANTITIES if f"{quantity}_east" in columns}
+    reported = {quantity for quantity in velocities() if f"{quantity}_east" in columns}
     asked = [
         quantity
-        for quantity in QUANTITIES
+        for quantity in velocities()
         if quantity not in reported and case.forcing.get(quantity)
     ]
-    points = [_points(track) for track in tracks]
+    points = [along_track.quadrature_points(track.time) for track in tracks]
     sampled = _sampled(case, tracks, points, asked, datasets) if asked else {}
     ways, without_forcing, cut = [], 0, 0
     for k, track in enumerate(tracks):
@@ -107,7 +105,7 @@ def compare_displacements(
         fresh = breaks(track, gap, fastest)
         cut += int(fresh[1:].sum())
         parts: dict[str, Array] = {}
-        for quantity in QUANTITIES:
+        for quantity in velocities():
             if quantity in reported:
                 values = np.stack(
                     [track.columns[columns[f"{quantity}_{side}"]] for side in ("east", "north")],
@@ -186,22 +184,6 @@ def _since(values: Array, fresh: Array) -> Array:
     return np.asarray(total - total[begin])
 
 
-def _points(track: Track) -> tuple[Array, Array, Array]:
-    """Return (times, weights, fixes) of the quadrature points.
-
-    Times are rounded to seconds [s since 1970], weights are in [s]. Fixes are the numbers of the
-    fixes at which the displacements end.
-    """
-    steps = np.diff(track.time)
-    count = np.maximum(np.ceil(steps / PIECE).astype(int), 1)
-    owner = np.repeat(np.arange(1, track.time.size), count)
-    number = np.arange(owner.size) - np.repeat(np.cumsum(count) - count, count)
-    length = np.repeat(steps / count, count)
-    middle = track.time[owner - 1] + (number + 0.5) * length
-    time = np.stack([middle - GAUSS * length, middle + GAUSS * length], axis=1).ravel()
-    return np.rint(time), np.repeat(length / 2, 2), np.repeat(owner, 2)
-
-
 def _sampled(
     case: Case,
     tracks: Sequence[Track],
@@ -229,23 +211,8 @@ def _sampled(
         )
     sources = environment.scenarios[0]
     forcing = Forcing([sources], 1)
-    sampled = {quantity: np.full((time.size, 2), np.nan) for quantity in asked}
     try:
-        order = np.argsort(time, kind="stable")
-        moments, begins = np.unique(time[order], return_index=True)
-        ends = [*begins[1:], time.size]
-        for moment, begin, end in zip(moments.astype(int), begins, ends, strict=True):
-            at_moment = order[begin:end]
-            # A source's first moment can only begin a step, and its last only end one, so try both.
-            for second, fraction in ((moment, 0.0), (moment - 1, 1.0)):
-                forcing.set(int(second), int(second) + 1)
-                for quantity in asked:
-                    tiles = forcing.ranges[0][quantity]
-                    sample = forcing.tiles.at(*tiles, lon[at_moment], lat[at_moment], fraction)
-                    new = np.isnan(sampled[quantity][at_moment, 0]) & (sample[:, 2] > 0)
-                    sampled[quantity][at_moment[new]] = sample[new, :2]
-                if all(np.isfinite(sampled[quantity][at_moment]).all() for quantity in asked):
-                    break
+        sampled = along_track.sample_forcing(forcing, 0, asked, time, lon, lat)
     finally:
         forcing.close()
     return {

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from scipy import optimize, stats
 
-from drift.assess.verify import along, error_law, exposed, hold_out, reading, starts
+from drift.assess.verify import along, error_law, exposed, hold_out, starts
 from drift.assess.verify.along import Displacements
 from drift.assess.verify.error_law import NAMES, Law, Tracks
 from drift.assess.verify.hold_out import HoldOut
 from drift.case.record import Case
+from drift.case.tracking import reading
 from drift.pipeline.run_options import serialized
 from drift.tracking.tracks import records as drifter_records
 from drift.tracking.tracks.records import Track

@@ -32,7 +32,7 @@ from drift.tracking.tracks.records import Track
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
-from geo.forcing.quantity import QUANTITIES
+from geo.forcing.quantity import QUANTITIES, velocities
 from kernels.maths import noise
 from kernels.maths.noise import Purpose
 
@@ -288,7 +288,7 @@ def _case(
         "max_lost": 1.0,  # notes state the share that is lost, and areas are shares of the rest
         "output": {"times": [f"+{hour:g} h" for hour in times]},
     }
-    for quantity in QUANTITIES:
+    for quantity in velocities():
         if f"{quantity}_east" in columns:
             rows = _table_rows(track, start, times[-1] * 3600, quantity, columns)
             if len(rows) < 2:

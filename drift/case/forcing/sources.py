@@ -370,6 +370,19 @@ class SourceTable(fields.Table):
             yield f"parameters.{key}", abs(self.parameters.get(key, 0.0))
 
 
+def _number(value: Any) -> Any:
+    """Return a number as the vector that stands for it: see geo.forcing.quantity."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{value!r} must be a number")
+    return {"east": float(value), "north": 0.0}
+
+
+class ScalarTable(SourceTable):
+    """A source of a quantity that is a number: a constant has no direction."""
+
+    constant: Annotated[Vector | None, BeforeValidator(_number)] = None
+
+
 def source_label(quantity: str, number: int, name: str | None) -> str:
     """Return the name of a source in messages: its name, or its number within its quantity.
 

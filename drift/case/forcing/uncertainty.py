@@ -26,9 +26,12 @@ from geo.errors import UserError
 # Residuals of two regional ocean models against 218 drifters (248 tracks) of MEOPAR-TREX 2020, one
 # estuary, three weeks: 0.30 to 0.34 m/s per component, e-folding time 10 to 14 h, correlation 0.07
 # to 0.19 after 24 to 48 h. These values give 0.32 m/s, 12 h, and 0.17 (24 h), 0.07 (48 h).
-CURRENT = ForcingError(0.31, 11 * HOUR, 0.08, (DEFAULT, DEFAULT, DEFAULT))
+# Their correlation over a distance d of 0.1 to 20 km is exp(-(d / 12.5 km)^1.5) within 0.04
+# (docs/drifters.md).
+CURRENT = ForcingError(0.31, 11 * HOUR, 0.08, (DEFAULT, DEFAULT, DEFAULT), 12_500.0)
 # Between the random error of short forecasts and values used in searches (docs/errors.md).
-WIND = ForcingError(2.0, 12 * HOUR, 0.0, (DEFAULT, DEFAULT, DEFAULT))
+# The length is a guess: errors of forecast winds go with their weather systems.
+WIND = ForcingError(2.0, 12 * HOUR, 0.0, (DEFAULT, DEFAULT, DEFAULT), 100_000.0)
 DIFFUSIVITY = 0.0  # [m2/s] none, because the residuals already include motion of all scales
 
 
@@ -38,6 +41,9 @@ class CurrentErrorTable(fields.Table):
     std: fields.CurrentError | None = None
     time: fields.Duration | None = None
     bias: fields.CurrentError | None = None
+    length: fields.Width | None = None
+    """Distance over which the error is correlated, as exp(-(d / length)^1.5): how far the track of
+    a [[drifter]] tells of it. Without drifters it has no effect."""
 
 
 class WindErrorTable(fields.Table):
@@ -45,6 +51,8 @@ class WindErrorTable(fields.Table):
 
     std: fields.WindError | None = None
     time: fields.Duration | None = None
+    length: fields.Width | None = None
+    """Distance over which the error is correlated, as for the current."""
 
 
 def _table(value: Any, none: dict[str, Any]) -> Any:
@@ -123,7 +131,8 @@ def error(
     if table is None:
         return default_or_none
     bias = getattr(table, "bias", None)
-    if table.std is None and bias is None and default_or_none.std == 0:
+    unsized = table.std is None and bias is None
+    if unsized and default_or_none.std == 0 and (table.time is not None or table.length is None):
         raise UserError(
             f'uncertainty.{key}: has no std, and there is no default ({reason}); give one, or write "none"'
         )
@@ -136,7 +145,8 @@ def error(
         (default_or_none.time, default_or_none.by[1]) if table.time is None else (table.time, CASE)
     )
     bias, bias_by = (default_or_none.bias, default_or_none.by[2]) if bias is None else (bias, CASE)
-    return ForcingError(std, time, bias, (std_by, time_by, bias_by))
+    length = default.length if table.length is None else table.length
+    return ForcingError(std, time, bias, (std_by, time_by, bias_by), length)
 
 
 def with_spill_bias(

@@ -28,8 +28,6 @@ from drift.engine.motion.steering.itinerary import Itinerary
 from geo import notation, sphere
 from geo.files import fence
 
-PYTHON = ".py"  # suffix of a file with a drift model
-
 
 class TriangularTable(fields.Table):
     """Triangular distribution of the distress over the voyage."""
@@ -171,8 +169,8 @@ class SurvivalTable(fields.Table):
 
 
 def _motion(value: object) -> object:
-    if not isinstance(value, str) or (value not in PARAMETERS and not value.endswith(PYTHON)):
-        names = ", ".join(f'"{name}"' for name in PARAMETERS)
+    if not isinstance(value, str) or not (value in PARAMETERS or own_motion.is_own(value)):
+        names = ", ".join(f'"{name}"' for name in (*PARAMETERS, *own_motion.shipped()))
         raise ValueError(
             f'no model of motion {value!r}; allowed are {names}, or a Python file such as "iceberg.py"'
         )
@@ -191,9 +189,13 @@ class ParameterTable(fields.Table):
 
 
 def _parameter(value: object) -> object:
-    return (
-        {"mean": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
-    )
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return {"mean": value}
+    if not isinstance(value, dict | ParameterTable):
+        raise ValueError(
+            f"{value!r} must be a number without a unit, as the Python file expects it, or {{ mean = .., std = .. }}"
+        )
+    return value
 
 
 class ScenarioTable(fields.Table):
@@ -275,7 +277,7 @@ class ScenarioTable(fields.Table):
 
     def _states(self) -> Iterator[str]:
         adrift = not self.phase or self.distress is not None
-        own = self.motion.endswith(PYTHON)
+        own = own_motion.is_own(self.motion)
         if adrift and self.object is None and not own:
             yield "object is missing: what drifts? See: drift objects"
         if own and self.object is not None:
@@ -355,11 +357,13 @@ class ScenarioTable(fields.Table):
         )
 
     def own_motion(self, folder: Path) -> OwnMotion | None:
-        """Return the user's drift model of the scenario; None: it drifts by leeway."""
-        if not self.motion.endswith(PYTHON):
+        """Return the drift model of the scenario, if a file defines it; None: leeway or another."""
+        if not own_motion.is_own(self.motion):
             return None
-        fence.check_program(self.motion)
-        path = Path(sources.one_file(self.motion, folder, "motion"))
+        path = own_motion.shipped().get(self.motion)
+        if path is None:
+            fence.check_program(self.motion)
+            path = Path(sources.one_file(self.motion, folder, "motion"))
         return own_motion.read(
             path, {name: (one.mean, one.std) for name, one in self.parameters.items()}
         )

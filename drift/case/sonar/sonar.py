@@ -448,10 +448,10 @@ class PodTable(FileTable):
 
     def grid(self, folder: Path) -> PodGrid:
         """Return the record of the POD table; raise UserError for an invalid file."""
-        from drift.evidence.sensors import pod_grid
+        from drift.evidence.sensors import pod_file
 
         path = sources.one_file(self.file, folder, "pod.file")
-        return pod_grid.read_pod(
+        return pod_file.read_pod(
             path,
             per=math.nan if self.per is None else self.per,
             gaps=self.gaps,

@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.engine.motion.forcing import Sources
-from geo import notation
+from geo import notation, sphere
 from geo.array import Array
 from geo.box import Box
-from geo.forcing.quantity import QUANTITIES
+from geo.forcing.quantity import scalars, velocities
 from geo.forcing.reading.stream import Bracket, Slices
 from geo.forcing.sources import Source
 from geo.grids.grid import Grid, sample
@@ -73,11 +73,43 @@ class Flow:
 def over(sources: Sources, box: Box, times: npt.NDArray[np.datetime64]) -> dict[str, Flow]:
     """Return the velocities of each quantity in a box, at places ACROSS along its longer side."""
     lon, lat = lattice(box, ACROSS)
-    there = [quantity for quantity in QUANTITIES if sources.of(quantity)]
+    there = [quantity for quantity in velocities() if sources.of(quantity)]
     return {
         quantity: Flow(times, lon, lat, ambient_at(sources, quantity, times, lon, lat))
         for quantity in there
     }
+
+
+def scalars_along(
+    scenarios: Sequence[Sources],
+    times: npt.NDArray[np.datetime64],
+    scenario: Array,
+    lon: Array,
+    lat: Array,
+) -> dict[str, Array]:
+    """Return each scalar of the forcing along tracks, (m, t); NaN where it has no value.
+
+    For a forcing ensemble it is the mean of the members, as in `ambient_at`.
+
+    Args:
+        scenarios: the sources of each scenario.
+        times: UTC, (t,).
+        scenario: number of each track's scenario, (m,).
+        lon: of the tracks [binary angle], (m, t).
+        lat: of the tracks [binary angle], (m, t).
+    """
+    lon, lat = sphere.to_degrees(lon), sphere.to_degrees(lat)
+    values: dict[str, Array] = {}
+    for quantity in scalars():
+        for number, sources in enumerate(scenarios):
+            own = np.flatnonzero(scenario == number)
+            if not own.size or not sources.of(quantity):
+                continue
+            along = values.setdefault(quantity, np.full(lon.shape, np.nan))
+            for k in range(len(times)):
+                place = lon[own, k], lat[own, k]
+                along[own, k] = ambient_at(sources, quantity, times[k : k + 1], *place)[0, :, 0]
+    return values
 
 
 def lattice(box: Box, across: int) -> tuple[Array, Array]:

@@ -133,9 +133,9 @@ def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:
     """Return the highest speed of a quantity [m/s]: the larger of the case's constants and its
     usual maximum.
 
-    It is 0 for a quantity that no scenario needs and the case does not have.
+    It is 0 for a scalar, and for a quantity that no scenario needs and the case does not have.
     """
-    if not specs and not quantity.needed:
+    if quantity.scalar or (not specs and not quantity.needed):
         return 0.0
     parts = [part for spec in specs for part in spec.parts]
     typed = [spec.constant for spec in parts if spec.constant is not None]

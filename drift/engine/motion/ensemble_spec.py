@@ -38,6 +38,7 @@ class EnsembleSpec:
     members: tuple[str, ...] = ()
     # finds of debris toward which particles are guided: drift.evidence.filter.debris.guide
     guiding: int = 0
+    buoy_states: int = 0  # states of the errors at buoys on scene: drift.engine.motion.buoys
 
     @property
     def story(self) -> str:

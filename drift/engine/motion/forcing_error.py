@@ -30,6 +30,7 @@ class ForcingError:
     bias: float = 0.0
     # sources of std, time and bias, or why there is none
     by: tuple[str, str, str] = (CASE, CASE, CASE)
+    length: float = 12_500.0  # [m] over which it is correlated: drift.engine.motion.buoy_errors
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,10 @@
 """Motion models: the extra particle columns of each and the functions that move particles.
 
 A model is a record of functions. To add one, write a file in this package, a kernel in `kernels/`,
-and a line in drift.engine.motion.models. Each scenario uses one model. Scenarios with the same
-model and the same forcing form a group, which is moved by one kernel launch per step.
+and a line in drift.engine.motion.models. For a velocity by current, wind and waves a file in
+`kernels/drift_models/` suffices (drift.engine.motion.own_model). Each scenario uses one model.
+Scenarios with the same model and the same forcing form a group, which is moved by one kernel launch
+per step.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,4 +1,4 @@
-"""Reads a Python file with a user-defined drift model, without running it.
+"""Reads a Python file with a drift model, a user's or the package's, without running it.
 
 The file defines a function `velocity` of `current`, `wind`, `waves` and `parameters`, and may name
 its parameters in a tuple PARAMETERS; docs/howto/model.md has an example.
@@ -7,8 +7,10 @@ drift.engine.motion.own_model turns it into a model.
 
 import ast
 import hashlib
+import importlib.util
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from geo.errors import UserError
@@ -18,6 +20,8 @@ TAKES = ("current", "wind", "waves", "parameters")  # arguments of the function,
 LATITUDE = "latitude"  # optional last argument
 NAMES = "PARAMETERS"
 MOST = 4  # parameters
+SUFFIX = ".py"
+SHIPPED = "kernels.drift_models"  # package with the files of the package's own models
 
 
 @dataclass(frozen=True)
@@ -31,13 +35,28 @@ class Parameter:
 
 @dataclass(frozen=True)
 class OwnMotion:
-    """A user-defined drift model: its file and the case's parameters."""
+    """A drift model that a file defines: the file and the case's parameters."""
 
     path: Path
     digest: str  # of the file's bytes, SHA-256
     parameters: tuple[Parameter, ...]  # in the file's order
     uses: tuple[str, ...]  # those of TAKES that its function reads
     by_latitude: bool
+
+
+@lru_cache(maxsize=1)
+def shipped() -> dict[str, Path]:
+    """Return the files of the package's own drift models, by name."""
+    # the package is not imported, because that would load the Taichi compiler
+    found = importlib.util.find_spec(SHIPPED)
+    folders = found.submodule_search_locations if found else None
+    files = sorted(path for folder in folders or () for path in Path(folder).glob(f"*{SUFFIX}"))
+    return {path.stem: path for path in files if path.stem != "__init__"}
+
+
+def is_own(motion: str) -> bool:
+    """Return whether a case's `motion` is a file with a drift model, a user's or the package's."""
+    return motion.endswith(SUFFIX) or motion in shipped()
 
 
 def read(path: Path, given: Mapping[str, tuple[float, float]]) -> OwnMotion:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drift.engine.motion import guided, models
+from drift.engine.motion import buoys, guided, models
 from drift.engine.motion.ensemble_spec import EnsembleSpec
 from drift.engine.motion.models import model_of
 from drift.engine.motion.period import Period
@@ -62,7 +62,7 @@ def empty(spec: EnsembleSpec, own: Layout, *, still: bool = False) -> Ensemble:
         *(() if still else models.columns(spec.scenarios)),
         *((members.COLUMN,) if spec.members else ()),
     )
-    columns = (*columns, *guided.columns(spec.guiding))
+    columns = (*columns, *guided.columns(spec.guiding), *buoys.columns(spec.buoy_states))
     return record.empty(spec.seed, own, columns)
 
 

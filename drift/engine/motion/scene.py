@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drift.engine.motion import buoys as on_scene
 from drift.engine.motion import guided
+from drift.engine.motion.buoys import Buoys
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.guided import Guided
 from drift.engine.motion.model import Group, Model, Motion, Waters
@@ -33,6 +35,7 @@ from kernels.step.sample import Ranges, ordered
 
 # particle steps per launch: about a second, so that a run can be interrupted between launches
 AT_ONCE = 20_000_000
+SHARERS = 7  # key of what shares the errors of buoys, beside those of movers, among the cached
 
 
 class Begin(NamedTuple):
@@ -68,6 +71,7 @@ class Scene:
     place: kernel.Surroundings
     steering: Steering | None = None  # how scenarios steer before that; None: no steering
     guided: Guided | None = None  # how noise is shifted toward finds; None: not guided
+    buoys: Buoys | None = None  # drifting buoys on scene; None: there are none
 
     def advance(
         self,
@@ -109,6 +113,8 @@ class Scene:
             else None
         )
         guided.write_nudges(self.guided, ensemble, step)
+        key = id(self), id(ensemble), SHARERS
+        on_scene.write_shared(self.buoys, ensemble, step, self.forcing.movers, key)
         for move in moves:
             move(step, count)
         return begin
@@ -117,7 +123,7 @@ class Scene:
         """Return the most steps that one call of `advance` should make; results do not depend on
         it.
         """
-        if self.steering is not None:  # it is asked about every step
+        if self.steering is not None or self.buoys is not None:  # they are asked about every step
             return 1
         most: int = min(sample.MOST, AT_ONCE // max(ensemble.n, 1))
         return max(1, most)
@@ -190,9 +196,11 @@ class Scene:
         slide.
         """
         beach = kernel.Beach(slides=self.place.beach.slides)
-        still = self.place._replace(beach=beach, sinks=False, divergence=False, guided=False)
+        still = self.place._replace(
+            beach=beach, sinks=False, divergence=False, guided=False, shares=False
+        )
         motions = tuple(Motion(model, model.still(terms)) for model, terms in self.motions)
-        return replace(self, motions=motions, place=still, steering=None, guided=None)
+        return replace(self, motions=motions, place=still, steering=None, guided=None, buoys=None)
 
     def between(
         self,

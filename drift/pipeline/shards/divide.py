@@ -230,6 +230,7 @@ def prepare(case: Case, where: Environment, many: int, deal: Deal | None = None)
         lost.check_prior(
             spec, where, case.max_lost, setup.scene, lost.merged([lacks for _, lacks in parts])
         )
+        setup = run_setup.add_buoys(setup, run_setup.buoys_of(case, where, setup.clock))
         guide = run_setup.guide_of(case, where, setup)
     return Divided(replace(setup, dry=dry, guide=guide), whole, many)
 

@@ -142,6 +142,7 @@ def _units(job: Job, run: Divided, kept: Work, progress: _RunProgress) -> list[U
             _states_for_shard(kept, progress.since, first, last),
             progress.known,
             run.setup.guide,
+            run.setup.scene.buoys,
         )
         for number, (part, (first, last)) in enumerate(
             zip(parts, itertools.pairwise(firsts), strict=True)

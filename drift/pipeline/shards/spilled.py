@@ -17,6 +17,7 @@ from drift.case.record import Case
 from drift.engine.environment import lost
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import simulate
+from drift.engine.motion.buoys import Buoys
 from drift.engine.motion.clock import Clock
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.scene import Scene
@@ -26,6 +27,7 @@ from drift.engine.particles import ensemble as record
 from drift.engine.particles.ensemble import Ensemble, Layout
 from drift.engine.particles.partials import WORLDS
 from drift.pipeline import run_setup
+from drift.pipeline.buoys import share_with_buoys
 from drift.pipeline.run_options import Job
 from drift.pipeline.run_setup import Setup
 from drift.pipeline.shards import cluster, fingerprint, shelf
@@ -65,6 +67,7 @@ class Unit:
     worlds: Worlds  # of the shard alone
     seed: int
     number: int
+    buoys: Buoys | None = None  # errors at the drifting buoys
 
     @property
     def n(self) -> int:
@@ -80,9 +83,10 @@ class Unit:
         """Draw the particles; return with them the number of each class not placed on water."""
         case = self.case
         assert case.spill is not None
-        return release.draw_some_worlds(
+        ensemble, dry = release.draw_some_worlds(
             case.spill, self.worlds, case.period, case.errors, coast, self.seed, self.layout
         )
+        return run_setup.with_buoy_columns(case, ensemble), dry
 
     @property
     def name(self) -> str:
@@ -105,7 +109,8 @@ class Unit:
         ensemble, dry = self.draw(scene.place.coast)
         landings = Landings(ensemble, scene.place.beach.stay > 0)
         with contextlib.closing(Forcing(list(where.scenarios), case.direction)) as forcing:
-            own, outputs = replace(scene, forcing=forcing), case.period.seconds(case.outputs)
+            own = share_with_buoys(replace(scene, forcing=forcing), self.buoys)
+            outputs = case.period.seconds(case.outputs)
             watch = landings.watch if landings.refloats else None
             moments = simulate.run(ensemble, own, self.clock, outputs, tell, watch)
             reel.record(case.period, moments)
@@ -135,7 +140,10 @@ class Rounds:
             UserError: objects could not be placed on water, or too many particles were lost.
         """
         job, kept, setup, many = self.job, self.kept, self.run.setup, len(self.run.spans)
-        units = _units(job.case, setup.clock, self.run.spans, drawn, seed, number * many)
+        units = [
+            replace(unit, buoys=setup.scene.buoys)
+            for unit in _units(job.case, setup.clock, self.run.spans, drawn, seed, number * many)
+        ]
         if job.client is not None:
             missing = [unit for unit in units if not kept.finished(unit.name, unit.of)]
             cluster.move_shards_on_cluster(
@@ -200,7 +208,8 @@ def prepare(case: Case, where: Environment, many: int) -> Shards:
             for unit in units
         ]
         lost.check_prior(setup.spec, where, case.max_lost, setup.scene, lost.merged(lacks))
-    return Shards(setup, drawn, spans)
+        setup = run_setup.add_buoys(setup, run_setup.buoys_of(case, where, setup.clock))
+    return Shards(setup, run_setup.weigh_worlds_by_buoys(setup.scene.buoys, drawn), spans)
 
 
 def _spill(case: Case) -> Spill:

@@ -9,6 +9,7 @@ import numpy as np
 from drift.case.record import Case
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import prior, simulate
+from drift.engine.motion.buoys import Buoys
 from drift.engine.motion.clock import Clock
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.scene import Scene
@@ -19,6 +20,7 @@ from drift.evidence.filter.filter import SearchFilter
 from drift.evidence.filter.meeting import Resampled
 from drift.evidence.posterior.source import Particles
 from drift.pipeline import run_setup
+from drift.pipeline.buoys import share_with_buoys
 from drift.pipeline.run_setup import Start
 from drift.pipeline.shards import stretch
 from drift.pipeline.shards.stretch import Stop, Stretch
@@ -51,6 +53,7 @@ class Unit:
     # log mean likelihoods of doubtful contacts, by number
     known: Mapping[int, float] | None = None
     guide: Guide | None = None  # proposal toward the finds of debris
+    buoys: Buoys | None = None  # errors at the drifting buoys
     of: str = ""  # the fingerprint of the run determines it alone
 
     @property
@@ -92,7 +95,7 @@ class Unit:
         if tell:
             tell(0.0)
         with contextlib.closing(Forcing(list(where.scenarios), case.direction)) as forcing:
-            own = replace(scene, forcing=forcing)
+            own = share_with_buoys(replace(scene, forcing=forcing), self.buoys)
             if self.since is None:
                 ensemble = prior.draw_ensemble(spec, scene.place.coast, self.layout).ensemble
             else:
@@ -109,6 +112,7 @@ class Unit:
                 ensemble=ensemble,
             )
             if self.since is None:
+                run_setup.weigh_by_buoys(self.buoys, ensemble)
                 begin = run_setup.apply_guide(case, where, begin)
             spec, own, ensemble = begin.spec, begin.scene, begin.ensemble
             read = (

@@ -169,7 +169,7 @@ def fit(
     """Return the spread rate of highest likelihood.
 
     Args:
-        tracks: of drift.assess.verify.reading.
+        tracks: of drift.case.tracking.reading.
         method: a name in METHODS.
         error: standard deviation of a fix in each component [m]; None: fitted as well.
         rules: which steps count.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from geo import notation
 from geo.errors import UserError
 from geo.forcing import level, members, quantities, speed
+from geo.forcing.quantity import QUANTITIES
 from geo.forcing.reading.kept import Kept
 from geo.forcing.times import averages, clock, epoch, overlap, runs
 from geo.grids import locate, naming, places, planar, ugrid
@@ -154,7 +155,7 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
         fixed,
         tuple(slices),
         times,
-        _factor_to_mps(wanted, files[0], notes),
+        _factor(wanted, files[0], notes),
         quantity,
         layout,
         _read_mask(data, dims, chosen, notes),
@@ -549,31 +550,31 @@ def _check_same_units(wanted: Wanted, first: File, file: File) -> None:
         )
 
 
-def _factor_to_mps(wanted: Wanted, file: File, notes: list[str]) -> float:
-    """Return the factor from a variable's units to m/s; notes are appended to `notes`."""
+def _factor(wanted: Wanted, file: File, notes: list[str]) -> float:
+    """Return the factor from a variable's units to the quantity's; notes are appended to `notes`."""
     name, units, quantity, (path, data) = wanted.name, wanted.units, wanted.quantity, file
-    attributes = data[name].attrs
+    attributes, unit = data[name].attrs, QUANTITIES[quantity].unit
     file_units = str(attributes.get("units", "")).strip()
     if units is not None:
         if file_units and file_units.lower() != units.lower():
             notes.append(f'units {units} as the case says (the file says "{file_units}")')
-        return speed.factor_to_mps(units)
-    if file_units in ("", "1", "unknown", "none"):
+        return speed.factor_to(unit, units)
+    if file_units in ("", "1", "unknown", "none") and file_units != unit:
         inside = speed.inside_text(str(attributes.get("long_name", "")))
         if inside is None:
             raise UserError(
-                f'{path}: "{name}" has no units; state them with [[{quantity}]] units = "m/s"'
+                f'{path}: "{name}" has no units; state them with [[{quantity}]] units = "{unit}"'
             )
         notes.append(f'units "{inside}" read from the long name')
-        return speed.factor_to_mps(inside)
+        return speed.factor_to(unit, inside)
     try:
-        factor = speed.factor_to_mps(file_units)
+        factor = speed.factor_to(unit, file_units)
     except UserError as error:
         raise UserError(
             f'{path}: "{name}": {error}; or state them with [[{quantity}]] units'
         ) from error
     if factor != 1.0:
-        notes.append(f'converted from "{file_units}" to m/s')
+        notes.append(f'converted from "{file_units}" to {unit}')
     return factor
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from geo import sphere
 from geo.array import Array
 from geo.box import Box
+from geo.forcing.quantity import QUANTITIES
 from geo.forcing.reading import slices
 from geo.forcing.reading.component import Component
 from geo.forcing.survey import Survey
@@ -120,6 +121,7 @@ def build_tile(
         matrices is not None
         and directions is None
         and np.abs(grid.lat).max() > ABOUT_POLE
+        and not _is_scalar(components)
         and _same_points(first, second)
     ):
         lon, lat = layout.points(first)
@@ -280,13 +282,17 @@ def _to_vectors(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> V
     if own < tile.grid.nlon:
         result[:, own:] = result[:, :1]
     result[np.isnan(result).any(axis=2)] = np.nan
-    if tile.grid.seamless:
+    if tile.grid.seamless and not _is_scalar(tile.components):
         for row, inner in ((0, 1), (-1, -2)):
             if abs(tile.grid.lat[row]) > 90.0 - 1e-6:
                 result[row] = _pole_row(
                     result[row], result[inner], tile.grid.lon, float(tile.grid.lat[row])
                 )
     return result
+
+
+def _is_scalar(components: tuple[Component, Component]) -> bool:
+    return QUANTITIES[components[0].quantity].scalar
 
 
 def _pole_row(own: Values, inner: Values, lon: Array, lat: float) -> Values:

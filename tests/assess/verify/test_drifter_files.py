@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from verified_drifters import RADIUS
 
-from drift.assess.verify import reading
+from drift.case.tracking import reading
 from drift.tracking.tracks import records as drifter_records
 from drift.tracking.tracks.records import Track
 from geo.errors import UserError

@@ -14,8 +14,9 @@ from verified_drifters import CASE, EAST, NORTH, RADIUS, carried, case, simulate
 import drift
 from drift.apps.cli import commands
 from drift.assess.verify import chapter as verification_chapter
-from drift.assess.verify import reading, scores, starts, verification
+from drift.assess.verify import scores, starts, verification
 from drift.assess.verify import text as verification_text
+from drift.case.tracking import reading
 from drift.engine.environment.environment_spec import Coast
 from drift.tracking.tracks.records import Believed, Track
 from geo.errors import UserError

@@ -11,7 +11,7 @@ from scipy import integrate, optimize
 
 import drift
 from drift.case import case_digest
-from drift.engine.motion import models
+from drift.engine.motion import models, own_motion
 from drift.engine.motion.scenario import PositionPrior
 from geo.errors import UserError
 from geo.files import fence
@@ -109,6 +109,25 @@ def test_an_iceberg_goes_where_its_forces_balance(tmp_path: Path, at: str) -> No
     # They begin within six standard deviations (0.16 m); roundings of the way are centimetres.
     assert np.hypot(east, north).max() < 1.0
     assert max(abs(east.mean()), abs(north.mean())) < 0.07  # four of its standard errors, and those
+
+
+def test_a_file_of_the_package_is_a_model_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It moves particles as the same file of a user's does, to the bit, and takes no object."""
+    berg = BERG.format(at="46-45N 047-30W")
+    own = drift.run(loaded(tmp_path, iceberg(), berg, particles=20))
+    shipped = {"berg": tmp_path / "own.py"}
+    monkeypatch.setattr(own_motion, "shipped", lambda: shipped)
+    named = berg.replace('"own.py"', '"berg"')
+    with monkeypatch.context() as fenced:  # as `drift serve` reads a case
+        fenced.setenv(fence.NAME, fence.fence_text(fence.Fence((tmp_path,))))
+        case = loaded(tmp_path, iceberg(), named, particles=20)
+    np.testing.assert_array_equal(drift.run(case).trajectories.lon, own.trajectories.lon)
+    with pytest.raises(UserError, match='motion = "berg" determines its drift'):
+        loaded(tmp_path, iceberg(), named + 'object = "PIW-1"')
+    with pytest.raises(UserError, match='allowed are "drift", "berg", or a Python file'):
+        loaded(tmp_path, iceberg(), named.replace('"berg"\nparameters', '"bergs"\nparameters'))
 
 
 def test_parameters_are_drawn_for_each_particle(tmp_path: Path) -> None:
@@ -309,6 +328,7 @@ REFUSED = {
     "missing": (f"PARAMETERS: tuple = ('a', 'b')\n{PLAIN}", "parameters = { a = 1 }", 'parameters: "b" is missing; own.py takes a, b'),
     "unknown": (PLAIN, "parameters = { a = 1 }", 'parameters: "a" is unknown; own.py takes none'),
     "negative": (PLAIN, "parameters = { a = { mean = 1, std = -1 } }", "parameters.a.std"),
+    "a unit": (PLAIN, 'parameters = { a = "80 m" }', "parameters.a: '80 m' must be a number without a unit, as the Python file expects it"),
     "no waves": (PLAIN.replace("return wind", "return wind + waves"), "", "own.py takes waves and there are none: add [[stokes]], their Stokes drift"),
     "no waves in a branch": (
         f"{GIVEN}    if wind[0] > 0:\n        waves = wind * 0.01\n    return current + waves\n", "",
@@ -316,7 +336,7 @@ REFUSED = {
     ),
     "an object too": (PLAIN, 'object = "PIW-1"', 'motion = "own.py" determines its drift; leave object out'),
     "jibing": (PLAIN, "jibe = 0.1", 'jibe belongs to leeway, and motion = "own.py" has none; leave jibe out'),
-    "another word": (None, 'motion = "sail"', "no model of motion 'sail'; allowed are \"drift\", or a Python file such as"),
+    "another word": (None, 'motion = "sail"', "no model of motion 'sail'; allowed are \"drift\", "),
     "of leeway": (None, 'motion = "drift"\nobject = "PIW-1"\nparameters = { a = 1 }', 'add motion = "FILE.py", or leave'),
 }  # fmt: skip
 

@@ -13,7 +13,7 @@ import pytest
 from scipy import linalg, stats
 
 from drift.apps.cli import grammar
-from drift.assess.verify import reading
+from drift.case.tracking import reading
 from drift.tracking.bridges import fit, neighbours, stretches, text, together
 from drift.tracking.bridges.stretches import Rules, Stretch
 from drift.tracking.tracks.records import Track

@@ -24,7 +24,7 @@ from drift.evidence.filter import contacts
 from drift.evidence.filter.detection import sight
 from drift.evidence.filter.detection.sight import Targets
 from drift.evidence.filter.records import Contact, Heard, Tone
-from drift.evidence.sensors import grid_pod, hearing, unknown
+from drift.evidence.sensors import hearing, pod_table, unknown
 from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import Sonar
 from geo import sphere
@@ -70,7 +70,7 @@ def log_likelihood(contact: Contact, targets: Targets, sent: Sent | None = None)
     sees = own.sensor.sees
     if not isinstance(sees, Sonar):
         with np.errstate(divide="ignore"):
-            detected = np.log(grid_pod.chance(sees, at, contact.time, lon, lat))[None]
+            detected = np.log(pod_table.chance(sees, at, contact.time, lon, lat))[None]
     else:
         there &= ~np.isin(targets.status, STRANDED)
         tables = Receiver(sees, own.beams).tables(*at, own.heading, contact.time)

@@ -19,7 +19,7 @@ from drift.engine.particles.ensemble import Ensemble
 from drift.evidence.filter.detection import sensor_path
 from drift.evidence.filter.markers import Marker
 from drift.evidence.filter.records import Sortie
-from drift.evidence.sensors import grid_pod, unknown
+from drift.evidence.sensors import pod_table, unknown
 from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import PodGrid, Sonar
 from geo import notation, sphere
@@ -160,7 +160,7 @@ class Listening:
             if isinstance(self._sees, PodGrid):
                 if seeks:
                     yield (
-                        grid_pod.tables(self._sees, self._middle(whole, elapsed), self._duration),
+                        pod_table.tables(self._sees, self._middle(whole, elapsed), self._duration),
                         None,
                         whole,
                     )

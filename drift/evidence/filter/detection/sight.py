@@ -8,7 +8,7 @@ import numpy as np
 from drift.engine.particles.status import STRANDED, on_map
 from drift.evidence.filter.detection import looks
 from drift.evidence.filter.records import Look
-from drift.evidence.sensors import grid_pod, hearing, unknown
+from drift.evidence.sensors import hearing, pod_table, unknown
 from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import Sensor, Sonar
 from geo import sphere
@@ -49,7 +49,7 @@ def log_likelihood(look: Look, targets: Targets) -> Array:
     there = on_map(targets.status)
     sees = look.sensor.sees
     if not isinstance(sees, Sonar):
-        chance = grid_pod.chance(sees, at, look.time, lon, lat)
+        chance = pod_table.chance(sees, at, look.time, lon, lat)
         return looks.log_report_probability(
             np.where(there, chance, 0.0), look.positive, 1.0, look.false_alarms
         )[None]

@@ -14,7 +14,7 @@ import writers
 import xarray as xr
 from scipy.interpolate import RegularGridInterpolator
 
-from drift.evidence.sensors import pod_grid
+from drift.evidence.sensors import pod_file
 from drift.evidence.sensors.records import PodGrid
 from geo.errors import UserError
 
@@ -162,7 +162,7 @@ def test_same_pod_on_every_grid(kind: str, packed: bool, tmp_path: Path) -> None
         else {}
     )
     data.to_netcdf(tmp_path / "a.nc", encoding={"field" if "field" in data else "pod": how})
-    made = pod_grid.read_pod(tmp_path / "a.nc", per=3600.0)
+    made = pod_file.read_pod(tmp_path / "a.nc", per=3600.0)
     assert made.pod.dtype == np.float32
     assert made.pod.shape == (3, made.lat.size, made.lon.size)
     assert made.bearing is made.range is None
@@ -180,7 +180,7 @@ def test_same_pod_on_every_grid(kind: str, packed: bool, tmp_path: Path) -> None
 
 def test_an_even_grid_is_taken_as_it_is(tmp_path: Path) -> None:
     regular().to_netcdf(tmp_path / "a.nc")
-    made = pod_grid.read_pod(tmp_path / "a.nc", per=np.nan)
+    made = pod_file.read_pod(tmp_path / "a.nc", per=np.nan)
     np.testing.assert_array_equal(made.pod, regular()["pod"].values.astype(np.float32))
     assert np.isnan(made.per)
 
@@ -191,7 +191,7 @@ def test_round_the_earth_the_first_column_is_repeated(tmp_path: Path) -> None:
     xr.Dataset({"p": (("lat", "lon"), values)}, {"lat": lat, "lon": lon}).to_netcdf(
         tmp_path / "a.nc"
     )
-    made = pod_grid.read_pod(tmp_path / "a.nc", per=60.0)
+    made = pod_file.read_pod(tmp_path / "a.nc", per=60.0)
     assert np.ptp(made.lon) == pytest.approx(2 * np.pi)
     np.testing.assert_array_equal(made.pod[..., 0], made.pod[..., -1])
     at = np.array([-177.5, 179.0, -1.0, 3.0]), np.array([1.0, -30.0, 55.0, 10.0])
@@ -205,14 +205,14 @@ def test_across_the_antimeridian_longitudes_go_on(tmp_path: Path) -> None:
     xr.Dataset({"p": (("lat", "lon"), values)}, {"lat": lat, "lon": lon}).to_netcdf(
         tmp_path / "a.nc"
     )
-    made = pod_grid.read_pod(tmp_path / "a.nc", per=60.0)
+    made = pod_file.read_pod(tmp_path / "a.nc", per=60.0)
     np.testing.assert_allclose(np.degrees(made.lon), [178, 179, 180, 181])
     np.testing.assert_allclose(made.pod[0], values, atol=1e-7)
 
 
 def test_outside_of_a_curved_grid_nothing_is_detected(tmp_path: Path) -> None:
     curved().to_netcdf(tmp_path / "a.nc")
-    made = pod_grid.read_pod(tmp_path / "a.nc", per=60.0)
+    made = pod_file.read_pod(tmp_path / "a.nc", per=60.0)
     assert (made.pod[:, 0, 0] == 0).all()
     assert made.pod.max() < 0.55
 
@@ -223,7 +223,7 @@ def test_gaps_are_blind_where_the_user_says_so(tmp_path: Path) -> None:
     data.to_netcdf(
         tmp_path / "a.nc", encoding={"pod": {"dtype": "i2", "scale_factor": 1e-4, "_FillValue": -1}}
     )
-    made = pod_grid.read_pod(tmp_path / "a.nc", per=60.0, gaps="blind")
+    made = pod_file.read_pod(tmp_path / "a.nc", per=60.0, gaps="blind")
     assert np.argwhere(made.pod == 0).tolist() == [[1, 10, 20]]
 
 
@@ -258,7 +258,7 @@ def polar() -> xr.Dataset:
 )
 def test_bearing_and_range_in_any_order(change: Any, tmp_path: Path) -> None:
     change(polar()).to_netcdf(tmp_path / "a.nc")
-    made = pod_grid.read_pod(tmp_path / "a.nc", per=600.0)
+    made = pod_file.read_pod(tmp_path / "a.nc", per=600.0)
     np.testing.assert_allclose(made.pod, ROUND, atol=1e-7)
     np.testing.assert_allclose(np.degrees(made.bearing), BEARING, atol=1e-12)
     np.testing.assert_allclose(made.range, RANGE * 1852.0)
@@ -268,7 +268,7 @@ def test_bearing_and_range_in_any_order(change: Any, tmp_path: Path) -> None:
 
 def test_a_curve_of_range_alone_holds_all_round(tmp_path: Path) -> None:
     polar().isel(time=0, bearing=0, drop=True).to_netcdf(tmp_path / "a.nc")
-    made = pod_grid.read_pod(tmp_path / "a.nc", per=600.0)
+    made = pod_file.read_pod(tmp_path / "a.nc", per=600.0)
     assert made.pod.shape == (1, 1, 4)
     assert made.times.size == 0
 
@@ -322,7 +322,7 @@ def test_what_is_no_pod_is_refused_in_one_line(kind: str, tmp_path: Path) -> Non
     made, keys, said = BAD[kind]
     made().to_netcdf(tmp_path / "a.nc")
     with pytest.raises(UserError, match=f"^lookout: .*{said}") as caught:
-        pod_grid.read_pod(tmp_path / "a.nc", **{"per": 60.0, "name": "lookout", **keys})
+        pod_file.read_pod(tmp_path / "a.nc", **{"per": 60.0, "name": "lookout", **keys})
     assert len(caught.value.lines) == 1
     assert "variables." not in str(caught.value)
 
@@ -332,5 +332,5 @@ def test_a_chosen_dimension_is_read(tmp_path: Path) -> None:
     xr.concat([low, regular()], xr.IndexVariable("season", ["summer", "winter"])).to_netcdf(
         tmp_path / "a.nc"
     )
-    made = pod_grid.read_pod(tmp_path / "a.nc", per=60.0, select={"season": "winter"})
+    made = pod_file.read_pod(tmp_path / "a.nc", per=60.0, select={"season": "winter"})
     np.testing.assert_allclose(made.pod, regular()["pod"].values, atol=1e-7)

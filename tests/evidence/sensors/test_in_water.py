@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from drift.evidence.sensors import afloat, line_array, noise, spreading
+from drift.evidence.sensors import in_water, line_array, noise, spreading
 from drift.evidence.sensors.records import Levels, PodGrid, Sensor, Sonar
 from geo.errors import UserError
 
@@ -30,8 +30,8 @@ def test_on_land_and_in_the_water(west):
         return sonar(((west + dlon + 180) % 360 - 180, lat))
 
     with pytest.raises(UserError, match='sensor "array": it is a sonar and stands on land'):
-        afloat.check_sonars_in_water([at(0.2, 10.3)], island(west))
-    afloat.check_sonars_in_water(
+        in_water.check_sonars_in_water([at(0.2, 10.3)], island(west))
+    in_water.check_sonars_in_water(
         [at(0.5, 10.5), at(-0.1, 10.3), at(0.2, 11.2), sonar(None)], island(west)
     )
 
@@ -43,4 +43,4 @@ def test_a_radar_may_stand_on_land():
         bearing=np.zeros(1),
         range=np.array([0.0, 1e4]),
     )
-    afloat.check_sonars_in_water([Sensor("radar", pod, (-69.8, 10.3))], island(-70.0))
+    in_water.check_sonars_in_water([Sensor("radar", pod, (-69.8, 10.3))], island(-70.0))

@@ -9,7 +9,7 @@ import pyproj
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from drift.evidence.sensors import grid_pod
+from drift.evidence.sensors import pod_table
 from drift.evidence.sensors.records import PodGrid
 from geo import sphere
 from kernels.evidence import glimpse
@@ -35,7 +35,7 @@ def test_the_lesser_side_of_a_cell_is_that_where_cells_are_least(
     """A parallel is longer than its chord, by 1e-6 of it for cells as small as this."""
     x, y = (first + step * np.arange(many) for first, step, many in (lon, lat))
     pod = np.linspace(0, 0.9, y.size * x.size).reshape(1, y.size, x.size).astype(np.float32)
-    made = grid_pod.tables(
+    made = pod_table.tables(
         PodGrid(pod, NEVER, np.radians(y), np.radians(x)), np.datetime64("2026-01-01"), 1800.0
     )
     sides = [GEOD.inv(x[0], v, x[1], v)[2] for v in y] + [
@@ -69,7 +69,7 @@ def test_at_places_and_between_times() -> None:
         read = RegularGridInterpolator(
             (lat, lon), np.reshape(slab, (9, 7)), bounds_error=False, fill_value=0.0
         )
-        found = grid_pod.chance(
+        found = pod_table.chance(
             grid, (0.0, 0.0), times[0] + seconds, (x + np.pi) % (2 * np.pi) - np.pi, y
         )
         np.testing.assert_allclose(found, read(np.stack([y, x], axis=1)), atol=1e-6)
@@ -93,7 +93,7 @@ def test_rings_are_as_fine_as_the_ranges(ranges: np.ndarray, rings: int) -> None
     bearing = np.arange(12) * np.pi / 6
     pod = random.random((1, 12, ranges.size)).astype(np.float32)
     grid = PodGrid(pod, NEVER, bearing=bearing, range=ranges, per=900.0)
-    made = grid_pod.tables(grid, np.datetime64("2026-01-01"), 60.0)
+    made = pod_table.tables(grid, np.datetime64("2026-01-01"), 60.0)
     assert made.kind == glimpse.ROUND
     assert made.table.shape[1] == rings
     assert made.rate == pytest.approx(1 / 900)
@@ -126,7 +126,7 @@ def test_round_a_sensor(bearing: np.ndarray) -> None:
         np.append(random.uniform(10, 9000, 598), [7299.5, 7300.5]),
     )
     lon, lat, _ = GEOD.fwd(np.full(600, 179.99), np.full(600, 62.1), turn, far)
-    found = grid_pod.chance(
+    found = pod_table.chance(
         grid,
         tuple(np.radians([179.99, 62.1])),
         np.datetime64("2026-01-01"),
@@ -147,7 +147,7 @@ def test_bearings_that_are_uneven_have_rays_of_half_a_degree() -> None:
     bearing, random = np.radians([10.3, 47.1, 200.2, 331.9]), np.random.default_rng(7)
     pod = random.random((1, 4, 3)).astype(np.float32)
     grid = PodGrid(pod, NEVER, bearing=bearing, range=np.array([100.0, 300.0, 500.0]), per=900.0)
-    made = grid_pod.tables(grid, np.datetime64("2026-01-01"), 60.0)
+    made = pod_table.tables(grid, np.datetime64("2026-01-01"), 60.0)
     rays = made.table.shape[0]
     assert rays >= 720
     turn = np.arange(rays) * 2 * np.pi / rays

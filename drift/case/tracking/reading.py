@@ -24,7 +24,7 @@ from geo import notation
 from geo.array import Array
 from geo.errors import UserError
 from geo.files import dataset, small
-from geo.forcing.quantity import QUANTITIES
+from geo.forcing.quantity import velocities
 
 LARGEST = 1024 * 2**20  # [bytes] largest CSV file
 NAMES = {  # common names of columns, in lower case without spaces, underscores and hyphens
@@ -426,7 +426,7 @@ def parse_columns(text: str) -> Mapping[str, str]:
     Raises:
         UserError: the text has another form, or lacks a component.
     """
-    allowed = [f"{quantity}_{side}" for quantity in QUANTITIES for side in ("east", "north")]
+    allowed = [f"{quantity}_{side}" for quantity in velocities() for side in ("east", "north")]
     columns: dict[str, str] = {}
     for part in filter(None, (p.strip() for p in text.split(","))):
         key, equals, column = (piece.strip() for piece in part.partition("="))
@@ -435,7 +435,7 @@ def parse_columns(text: str) -> Mapping[str, str]:
                 f'--columns "{part}": must be one of {", ".join(allowed)}, each followed by =COLUMN'
             )
         columns[key] = column
-    for quantity in QUANTITIES:
+    for quantity in velocities():
         sides = [side for side in ("east", "north") if f"{quantity}_{side}" in columns]
         if len(sides) == 1:
             raise UserError(

@@ -1,0 +1,221 @@
+"""Drifting buoys on scene, whose tracks tell of the errors of current and wind where they are.
+
+`buoy_errors` conditions the errors on the fixes; this module holds the result for the steps of a
+run and has each particle share the errors of the buoys near it (kernels.step.buoys). Why each
+particle draws deviations of its own: it is one possible position of one object, with one possible
+course of the errors at the buoys. In a spill the objects of one world share one course.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.engine.motion.buoy_errors import Conditioned, Law
+from drift.engine.motion.clock import Clock
+from drift.engine.particles.ensemble import Column, Device, Ensemble
+from geo import sphere
+from geo.array import Array
+from kernels.maths import noise
+from kernels.runtime import rows, runtime
+from kernels.step import buoys as kernel
+from kernels.step.advance import Step
+
+
+@dataclass(frozen=True)
+class BuoyTrack:
+    """The believable fixes of one buoy.
+
+    Attributes:
+        name: unique in a case.
+        time: UTC [s since 1970], ascending, (n,).
+        lon: [deg], (n,).
+        lat: [deg], (n,).
+        fresh: whether a fix begins a stretch, across whose begin nothing is concluded, (n,).
+        error: standard deviation of each component of a fix [m].
+        windage: share of the wind that moves it.
+        notes: on fixes that were left out.
+    """
+
+    name: str
+    time: Array
+    lon: Array
+    lat: Array
+    fresh: npt.NDArray[np.bool_]
+    error: float
+    windage: float
+    notes: tuple[str, ...] = ()
+
+
+def states(many: int, windy: bool, biased: bool) -> int:
+    """Return the number of states of each component of the errors at buoys."""
+    return many * (2 + int(windy) + int(biased))
+
+
+def column_names(many: int) -> list[str]:
+    """Return the names of the columns of deviations, of `many` states."""
+    return [f"buoy_state_{k}_{side}" for k in range(many) for side in ("east", "north")]
+
+
+def columns(many: int) -> tuple[Column, ...]:
+    """Return the columns of particles that share the errors of buoys; none for 0 states."""
+    if not many:
+        return ()
+    return (
+        *(
+            Column(name, np.float32, 0, "", "deviation of the errors at buoys from their mean", "buoys")
+            for name in column_names(many)
+        ),
+        *(
+            Column(
+                name,
+                np.float32,
+                float(name.startswith("own")),
+                "" if name.startswith("own") else "m/s",
+                "share of its own errors that is left"
+                if name.startswith("own")
+                else "error of this step that it shares with buoys",
+                "shared",
+            )
+            for name in kernel.SHARED
+        ),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Buoys:
+    """The errors at some buoys given their tracks, by steps of a run.
+
+    Attributes:
+        names: of the buoys.
+        law: the prior of the errors.
+        given: the errors given the fixes; its hypotheses are (scenario, member), member last.
+        places: lon, lat of each buoy at the begin of each step [deg], (steps, m, 2).
+        factors: Cholesky factors of the correlations between the buoys of the errors of current and
+            wind at the begin of each step, (steps, 2, m, m).
+        numbers: of the steps.
+        edges: times of the steps [s after the run's start], (steps + 1,).
+        windy: whether a buoy feels errors of the wind.
+        members: of the forcing ensemble, 1 without one.
+        worlds: whether the particles of a world share one deviation.
+    """
+
+    names: tuple[str, ...]
+    law: Law
+    given: Conditioned
+    places: Array
+    factors: Array
+    numbers: tuple[int, ...]
+    edges: Array
+    windy: bool
+    members: int
+    worlds: bool
+
+    @cached_property
+    def rows(self) -> Mapping[int, int]:
+        """The row of each step in the tables on the device, by its number."""
+        return {number: row for row, number in enumerate(self.numbers, 1)}
+
+    def log_weights(self, scenario: Array, member: Array | None) -> Array:
+        """Return what the fixes add to particles' log weights, (n,); 0 for the likeliest forcing.
+
+        Args:
+            scenario: number of each particle's scenario, (n,).
+            member: of the forcing ensemble, (n,); None: there is no ensemble.
+        """
+        most = self.given.log_likelihood - self.given.log_likelihood.max()
+        which = scenario * self.members + (0 if member is None else member)
+        return np.asarray(most[which])
+
+    def sharer(self, ensemble: Ensemble) -> "Sharer":
+        """Return what writes the shared errors of an ensemble before each step."""
+        return Sharer(self, ensemble)
+
+
+class Sharer:
+    """Writes the shared errors of one ensemble; holds the tables on the device."""
+
+    def __init__(self, buoys: Buoys, ensemble: Ensemble) -> None:
+        self._buoys, self._ensemble = buoys, ensemble
+        given, m = buoys.given, len(buoys.names)
+        many = given.moves.shape[1]
+        names = column_names(many)
+        own = ensemble.own
+        self._z, self._shared = rows.whole(own, names), rows.whole(own, kernel.SHARED)
+        empty = np.zeros((1, many, many))
+        halves = np.stack(
+            [given.means[:-1], given.means[1:]], axis=2
+        )  # (steps, hypotheses, 2, ...)
+        mixes = np.linalg.inv(buoys.factors)
+        x, y = sphere.to_binary(buoys.places[..., 0]), sphere.to_binary(buoys.places[..., 1])
+        self._tables = (
+            _padded(given.moves, np.float32, empty),
+            _padded(given.kicks, np.float32, given.first[None]),
+            _padded(halves, np.float32),
+            _padded(mixes, np.float32),
+            _padded(np.stack([x, y], axis=-1), np.int32),
+        )
+        self._old = runtime.empty(max(2 * many, m) * max(ensemble.n, 1))
+        self._member = own["member"] if buoys.members > 1 else runtime.upload(np.zeros(1, np.int32))
+        law = buoys.law
+        self._numbers = {
+            "buoys": m,
+            "states": many,
+            "windy": int(buoys.windy),
+            "biased": int(law.biased),
+            "current_std": law.current_std,
+            "wind_std": law.wind_std,
+            "bias_std": law.bias_std,
+            "current_length": law.current_length,
+            "wind_length": law.wind_length,
+            "members": buoys.members,
+            "worlds": int(buoys.worlds),
+        }
+
+    def write(self, step: Step) -> None:
+        """Write the shared errors of the step that is about to be computed."""
+        ensemble = self._ensemble
+        numbers = kernel.Numbers(**self._numbers, begins=int(step.elapsed == self._buoys.edges[0]))
+        shift = ensemble.batch(range(len(ensemble.numbers))).shift
+        columns = (ensemble.scenario, ensemble.world, self._member, ensemble.lon, ensemble.lat)
+        kernel.share_errors(
+            0,
+            ensemble.n,
+            shift,
+            *columns,
+            self._z,
+            self._old,
+            self._shared,
+            *self._tables,
+            numbers,
+            self._buoys.rows[step.number],
+            step.number,
+            *noise.key(ensemble.seed),
+        )
+
+
+def _padded(values: Array, kind: type, first: Array | None = None) -> Device:
+    """Return a table with one more row in front, flat on the device."""
+    front = np.zeros((1, *values.shape[1:])) if first is None else first
+    return runtime.upload(np.concatenate([front, values]).astype(kind).ravel())
+
+
+def step_edges(clock: Clock) -> tuple[Array, tuple[int, ...]]:
+    """Return the times of a run's steps [s after start], (steps + 1,), and their numbers."""
+    steps = [timed.step for timed in clock.steps()]
+    edges = [step.elapsed for step in steps] + [steps[-1].elapsed + steps[-1].duration]
+    return np.array(edges, np.float64), tuple(step.number for step in steps)
+
+
+def write_shared(
+    buoys: Any, ensemble: Ensemble, step: Step, held: dict[Any, Any], key: Any
+) -> None:
+    """Write the shared errors of a step, if there are buoys; held, key: where to keep the tables."""
+    if buoys is None:
+        return
+    if key not in held or held[key][0][2] is not ensemble.layout:
+        held[key] = (buoys, ensemble, ensemble.layout), buoys.sharer(ensemble)
+    held[key][1].write(step)

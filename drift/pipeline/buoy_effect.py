@@ -1,0 +1,135 @@
+"""How much the drifting buoys of a case changed its forecast: residuals, and areas without them.
+
+The areas are those of small forecasts before any search, on common random numbers: with all buoys,
+with none, and without each.
+"""
+
+from contextlib import closing
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from drift.case.record import Case
+from drift.engine.environment.environment import Environment
+from drift.engine.motion import scene, simulate
+from drift.engine.motion.buoys import Buoys
+from drift.engine.motion.spool import SnapshotStore
+from drift.evidence.filter.records import Sensors
+from drift.forecast import build
+from drift.pipeline import run_setup
+from geo import notation
+from geo.array import Array
+from geo.notation import NMI
+
+PARTICLES = 20_000  # of each small forecast
+
+
+def summary_of_buoys(case: Case, where: Environment, buoys: Buoys) -> dict[str, Any]:
+    """Return what each buoy told, and the containment areas [nmi2] with and without them.
+
+    Args:
+        case: of the run.
+        where: its environment.
+        buoys: its conditioned errors.
+
+    Returns:
+        For summary.json: `buoys`, a table for each; `particles` of the small forecasts; and
+        `area_nmi2` by share at the end, `with` and `without` all buoys. A spill has no areas.
+    """
+    told = [_told(case, buoys, number) for number in range(len(buoys.names))]
+    found: dict[str, Any] = {"buoys": told, "notes": [*_notes(case)]}
+    if case.spill:
+        return found
+    small = min(case.particles, PARTICLES)
+    found["particles"] = small
+    found["area_nmi2"] = {
+        "with": _areas(case, where, case.drifters, small),
+        "without": _areas(case, where, (), small),
+    }
+    if len(told) > 1:
+        for number, own in enumerate(told):
+            rest = case.drifters[:number] + case.drifters[number + 1 :]
+            own["area_nmi2_without_it"] = _areas(case, where, rest, small)
+    return found
+
+
+def _told(case: Case, buoys: Buoys, number: int) -> dict[str, Any]:
+    """Return the mean error that one buoy shows, and when it was seen."""
+    own = case.drifters[number]
+    excess = _mean_excess(case, buoys, number)
+    return {
+        "name": own.name,
+        "fixes": int(own.time.size),
+        "displacements": int((~own.fresh).sum()),
+        "first_fix": str(np.datetime64(int(own.time[0]), "s")),
+        "last_fix": str(np.datetime64(int(own.time[-1]), "s")),
+        "excess_m_s": float(np.hypot(*excess)),
+        "excess_toward_deg": float(np.degrees(np.arctan2(*excess)) % 360),
+    }
+
+
+def _mean_excess(case: Case, buoys: Buoys, number: int) -> Array:
+    """Return the mean velocity (east, north) [m/s] at a buoy beyond the likeliest forcing, while it
+    was seen.
+    """
+    own, law = case.drifters[number], buoys.law
+    m = len(buoys.names)
+    likeliest = int(np.argmax(buoys.given.log_likelihood))
+    states = buoys.given.means[:-1, likeliest]  # (steps, states, 2)
+    at_steps = np.array(list(buoys.rows.values())) - 1
+    begins = _step_begins(case, buoys)
+    seen = at_steps[(begins >= own.time[0]) & (begins <= own.time[-1])]
+    if not seen.size:
+        seen = at_steps[[int(np.argmin(np.abs(begins - own.time[0])))]]
+    factor = buoys.factors[seen, 0, number]  # (steps, m)
+    total = law.current_std * np.einsum("tj,tjc->tc", factor, states[seen, :m])
+    if law.biased:
+        first = m * (1 + int(buoys.windy))
+        total = total + law.bias_std * np.einsum(
+            "tj,tjc->tc", factor, states[seen, first : first + m]
+        )
+    return np.asarray(total.mean(axis=0))
+
+
+def _step_begins(case: Case, buoys: Buoys) -> Array:
+    """Return when each step begins [s since 1970]."""
+    return np.asarray(notation.epoch(case.start) + buoys.edges[:-1])
+
+
+def _areas(case: Case, where: Environment, drifters: Any, particles: int) -> dict[str, float]:
+    """Return the containment areas [nmi2] at the end of a small forecast, by share."""
+    small = replace(
+        case,
+        drifters=tuple(drifters),
+        particles=particles,
+        counts=None,
+        sorties=(),
+        contacts=(),
+        sensors=Sensors(),
+        units=(),
+        outputs=case.outputs[-1:],
+    )
+    begin = run_setup.prepare(small, where)
+    outputs = small.period.seconds(small.outputs)
+    with closing(begin.scene.forcing):
+        moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs)
+        snapshots = SnapshotStore.of_run(small.period, begin.ensemble, moments, len(outputs))
+    with snapshots:
+        forecast = build.build_forecast(
+            snapshots.outputs,
+            scenarios=[scenario.name for scenario in small.scenarios],
+            is_land=scene.land_of(begin.scene),
+            shares=small.areas,
+            grid=None,
+        )
+    areas = forecast.data["containment_area"].values[-1] / NMI**2
+    return {
+        f"{notation.hundredths(share)}%": float(area)
+        for share, area in zip(small.areas, areas, strict=True)
+    }
+
+
+def _notes(case: Case) -> list[str]:
+    """Return what was left out of the tracks."""
+    return [f'drifter "{own.name}": {note}' for own in case.drifters for note in own.notes]

@@ -1,0 +1,256 @@
+"""Condition a run's errors of current and wind on the tracks of its drifting buoys.
+
+The forcing is sampled where each buoy was, for each scenario and member of an ensemble, and its
+displacements between fixes are compared with those by the forcing (drift.engine.motion.buoy_errors).
+Before its first and after its last fix a buoy is taken to have drifted with the forcing and the
+error that its nearest fixes show: errors go with the water.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import replace
+
+import numpy as np
+
+from drift.case.record import Case
+from drift.engine.environment import along_track
+from drift.engine.environment.environment import Environment
+from drift.engine.motion import buoy_errors
+from drift.engine.motion import buoys as on_scene
+from drift.engine.motion.buoy_errors import Fixes, Law
+from drift.engine.motion.buoys import Buoys, BuoyTrack
+from drift.engine.motion.clock import Clock
+from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.scene import Scene
+from drift.tracking.tracks.records import Track
+from geo import sphere
+from geo.array import Array
+from geo.errors import UserError
+from geo.forcing.quantity import QUANTITIES
+
+RECENT = 3 * 3600.0  # [s] of a track over which its error at either end is the mean
+
+
+def law_of(case: Case) -> Law:
+    """Return the prior of the errors that the buoys of a case feel."""
+    current, wind = case.current_error, case.wind_error
+    windy = any(buoy.windage > 0 for buoy in case.drifters)
+    return Law(
+        current.std,
+        current.time,
+        current.length,
+        current.bias,
+        wind.std if windy else 0.0,
+        wind.time,
+        wind.length,
+        case.diffusivity,
+    )
+
+
+def states_of(case: Case) -> int:
+    """Return the number of states of the errors at the buoys of a case."""
+    law = law_of(case)
+    return on_scene.states(len(case.drifters), law.wind_std > 0, law.biased)
+
+
+def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | None:
+    """Return the errors at the buoys of a case given their tracks; None without buoys.
+
+    Args:
+        case: of the run.
+        where: its environment.
+        clock: its steps.
+
+    Raises:
+        UserError: no displacement of a buoy lies where there is forcing.
+    """
+    if not case.drifters:
+        return None
+    members = max(len(where.members), 1)
+    edges, numbers = on_scene.step_edges(clock)
+    tracks = [_track(buoy) for buoy in case.drifters]
+    points = [along_track.quadrature_points(track.time) for track in tracks]
+    with closing(Forcing(list(where.scenarios), case.direction)) as forcing:
+        hypotheses = [(s, member) for s in range(len(where.scenarios)) for member in range(members)]
+        velocities = _model_velocities(case, forcing, hypotheses, tracks, points)
+        fixes = [
+            _fixes(case, buoy, point, velocity)
+            for buoy, point, velocity in zip(case.drifters, points, velocities, strict=True)
+        ]
+        times = clock.start + edges
+        places = np.stack(
+            [
+                _places(case, forcing, buoy, own, track, times)
+                for buoy, own, track in zip(case.drifters, fixes, tracks, strict=True)
+            ],
+            axis=1,
+        )
+    law = law_of(case)
+    windy = law.wind_std > 0
+    current = _factors(places[:-1], law.current_length)
+    wind = _factors(places[:-1], law.wind_length)
+    shifted = [replace(own, time=own.time - clock.start) for own in fixes]
+    given = buoy_errors.condition(law, edges, (current, wind if windy else None), shifted)
+    return Buoys(
+        tuple(buoy.name for buoy in case.drifters),
+        law,
+        given,
+        places[:-1],
+        np.stack([current, wind], axis=1),
+        numbers,
+        edges,
+        windy,
+        members,
+        case.spill is not None,
+    )
+
+
+def share_with_buoys(scene: Scene, buoys: Buoys | None) -> Scene:
+    """Return a scene whose particles share the errors at buoys."""
+    if buoys is None:
+        return scene
+    return replace(scene, buoys=buoys, place=scene.place._replace(shares=True))
+
+
+def _track(buoy: BuoyTrack) -> Track:
+    return Track(buoy.name, buoy.time, buoy.lon, buoy.lat)
+
+
+def _model_velocities(
+    case: Case,
+    forcing: Forcing,
+    hypotheses: Sequence[tuple[int, int]],
+    tracks: Sequence[Track],
+    points: Sequence[tuple[Array, Array, Array]],
+) -> list[Array]:
+    """Return the velocity of each buoy by the forcing at its points, (hypotheses, points, 2)."""
+    counts = [point[0].size for point in points]
+    time = np.concatenate([point[0] for point in points])
+    at = [track.at(point[0]) for track, point in zip(tracks, points, strict=True)]
+    lon, lat = (sphere.to_binary(np.concatenate([place[k] for place in at])) for k in (0, 1))
+    windage = np.repeat([buoy.windage for buoy in case.drifters], counts)
+    found = np.stack([_velocity(case, forcing, one, time, lon, lat, windage) for one in hypotheses])
+    return np.split(found, np.cumsum(counts)[:-1], axis=1)
+
+
+def _velocity(
+    case: Case,
+    forcing: Forcing,
+    hypothesis: tuple[int, int],
+    time: Array,
+    lon: Array,
+    lat: Array,
+    windage: Array,
+) -> Array:
+    """Return velocities (points, 2) [m/s] of buoys by the forcing; NaN where it has no value."""
+    scenario, member = hypothesis
+    asked = [
+        name
+        for name, quantity in QUANTITIES.items()
+        if case.forcing.get(name) and not quantity.scalar
+    ]
+    sampled = along_track.sample_forcing(forcing, scenario, asked, time, lon, lat, member)
+    total = np.zeros((time.size, 2))
+    for quantity, values in sampled.items():
+        known = values if QUANTITIES[quantity].needed else np.nan_to_num(values)
+        if QUANTITIES[quantity].in_air:
+            # a wind that does not move a buoy may be missing
+            total += np.where(windage[:, None] > 0, windage[:, None] * known, 0.0)
+        else:
+            total += known
+    return total
+
+
+def _fixes(
+    case: Case, buoy: BuoyTrack, point: tuple[Array, Array, Array], velocity: Array
+) -> Fixes:
+    """Return a buoy's fixes beside the displacements by the forcing, at times since 1970."""
+    _, weight, owner = point
+    n = buoy.time.size
+    model = np.stack(
+        [
+            np.stack([np.bincount(owner, weight * v[:, side], n) for side in (0, 1)], axis=1)
+            for v in velocity
+        ]
+    )
+    lon, lat = np.radians(buoy.lon), np.radians(buoy.lat)
+    east, north = sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:])
+    own = np.concatenate([np.zeros((1, 2)), np.stack([east, north], axis=1)])
+    missing = np.asarray(~np.isfinite(model).all(axis=(0, 2)))
+    fresh = np.logical_or(buoy.fresh, missing)
+    if fresh.all():
+        raise UserError(
+            f'{case.path.name}: drifter "{buoy.name}": no two of its fixes at most 6 h apart lie where the forcing has values; '
+            "check its positions, widen [domain], or leave it out"
+        )
+    each = np.where(fresh[None, :, None], 0.0, own - np.where(missing[None, :, None], 0.0, model))
+    total = np.cumsum(each, axis=1)
+    begin = np.maximum.accumulate(np.where(fresh, np.arange(n), 0))
+    return Fixes(buoy.time, fresh, total - total[:, begin], buoy.error, buoy.windage)
+
+
+def _places(
+    case: Case, forcing: Forcing, buoy: BuoyTrack, own: Fixes, track: Track, times: Array
+) -> Array:
+    """Return lon, lat [deg] of a buoy at times [s since 1970], (times, 2)."""
+    place = np.stack(track.at(np.clip(times, buoy.time[0], buoy.time[-1])), axis=-1)
+    for ahead in (False, True):
+        end = buoy.time[-1 if ahead else 0]
+        beyond = times > end if ahead else times < end
+        order = np.flatnonzero(beyond) if ahead else np.flatnonzero(beyond)[::-1]
+        start = (track.lon[-1], track.lat[-1]) if ahead else (track.lon[0], track.lat[0])
+        excess = _recent_excess(own, last=ahead)
+        steps = _advected(case, forcing, buoy, start, end, times[order], excess)
+        for k, there in zip(order, steps, strict=True):
+            place[k] = there
+    return place
+
+
+def _recent_excess(own: Fixes, *, last: bool) -> Array:
+    """Return the mean velocity [m/s] beyond the forcing near an end of a track, (2,)."""
+    number = np.cumsum(own.fresh)
+    inside = np.flatnonzero(number == number[-1 if last else 0])
+    time, excess = own.time[inside], own.excess.mean(axis=0)[inside]
+    near = (time >= time[-1] - RECENT) if last else (time <= time[0] + RECENT)
+    time, excess = time[near], excess[near]
+    if time.size < 2:
+        return np.zeros(2)
+    return np.asarray((excess[-1] - excess[0]) / (time[-1] - time[0]))
+
+
+def _advected(
+    case: Case,
+    forcing: Forcing,
+    buoy: BuoyTrack,
+    start: tuple[float, float],
+    since: float,
+    times: Array,
+    excess: Array,
+) -> Iterator[tuple[float, float]]:
+    """Yield lon, lat [deg] at times [s since 1970] of what drifts from a fix; backward in time, too.
+
+    The error fades with its decorrelation time; without forcing it stays where it is.
+    """
+    lon, lat = np.radians(start[0]), np.radians(start[1])
+    windage, before = np.array([buoy.windage]), since
+    for time in times:
+        middle = np.array([np.rint((before + time) / 2)])
+        x, y = (sphere.to_binary(np.degrees([angle])) for angle in (lon, lat))
+        velocity = _velocity(case, forcing, (0, 0), middle, x, y, windage)[0]
+        velocity = np.nan_to_num(velocity)
+        velocity = velocity + excess * np.exp(-abs(middle[0] - since) / case.current_error.time)
+        lon, lat = sphere.destination(lon, lat, *(velocity * (time - before)))
+        before = time
+        yield float(np.degrees(lon)), float(np.degrees(lat))
+
+
+def _factors(places: Array, length: float) -> Array:
+    """Return Cholesky factors of the correlations between places (steps, m, 2) [deg],
+    (steps, m, m).
+    """
+    lon, lat = np.radians(places[..., 0]), np.radians(places[..., 1])
+    apart = sphere.distance(lon[:, :, None], lat[:, :, None], lon[:, None], lat[:, None])
+    matrix = buoy_errors.correlation(apart, length)
+    # two buoys at one place have the same error: a millionth keeps the factor regular
+    m = places.shape[1]
+    return np.linalg.cholesky(matrix * (1 - 1e-6) + 1e-6 * np.eye(m))

@@ -1,0 +1,136 @@
+"""Errors that particles share with buoys, against NumPy."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from geo import sphere
+from kernels.runtime import runtime
+from kernels.step import buoys
+
+N, BUOYS, STATES, SCENARIOS, MEMBERS, STEPS = 60, 2, 8, 2, 3, 4
+PLACE = (179.98, 58.0)
+LENGTHS = (9_000.0, 70_000.0)
+STDS = {"current_std": 0.3, "wind_std": 2.1, "bias_std": 0.07}
+
+
+def tables(seed: int) -> dict[str, Any]:
+    """Return random tables of a run, and particles."""
+    random = np.random.default_rng(seed)
+    east, north = random.normal(size=(2, N)) * 8000
+    lon, lat = (np.degrees(x) for x in sphere.destination(*np.radians(PLACE), east, north))
+    there = random.normal(size=(2, STEPS + 1, BUOYS)) * 6000
+    x, y = (np.degrees(v) for v in sphere.destination(*np.radians(PLACE), *there))
+    factors = np.tril(random.uniform(0.2, 0.9, (STEPS + 1, 2, BUOYS, BUOYS)), -1) + np.eye(BUOYS)
+    return {
+        "lon": lon,
+        "lat": lat,
+        "buoy_lon": x,
+        "buoy_lat": y,
+        "scenario": np.repeat([0, 1], N // 2),
+        "member": random.integers(0, MEMBERS, N),
+        "z": random.normal(size=(STATES, 2, N)),
+        "moves": random.normal(size=(STEPS + 1, STATES, STATES)) / 3,
+        "kicks": np.zeros((STEPS + 1, STATES, STATES)),
+        "means": random.normal(size=(STEPS + 1, SCENARIOS * MEMBERS, 2, STATES, 2)),
+        "mixes": np.linalg.inv(factors),
+        "world": random.integers(0, 7, N),
+    }
+
+
+def share(given: dict[str, Any], row: int, **numbers: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the deviations (states, 2, n) after a step, and the shared rows (6, n)."""
+    runtime.start()
+    z = runtime.upload(given["z"].astype(np.float32).ravel())
+    shared = runtime.empty(6 * N)
+    ints = [
+        runtime.upload(np.asarray(values, np.int32))
+        for values in ([100, 400 - N // 2], given["scenario"], given["world"], given["member"])
+    ]
+    lon, lat = (runtime.upload(sphere.to_binary(given[name])) for name in ("lon", "lat"))
+    flat = [
+        runtime.upload(given[name].astype(np.float32).ravel())
+        for name in ("moves", "kicks", "means", "mixes")
+    ]
+    places = np.stack([sphere.to_binary(given[f"buoy_{name}"]) for name in ("lon", "lat")], axis=-1)
+    words = {
+        "buoys": BUOYS, "states": STATES, "windy": 1, "biased": 1, **STDS, "current_length": LENGTHS[0],
+        "wind_length": LENGTHS[1], "members": MEMBERS, "worlds": 0, "begins": 0, **numbers,
+    }  # fmt: skip
+    buoys.share_errors(
+        0, N, *ints, lon, lat, z, runtime.empty(2 * STATES * N), shared, *flat,
+        runtime.upload(places.ravel()), buoys.Numbers(**words), row, 77, 5, 9,
+    )  # fmt: skip
+    return z.to_numpy().reshape(STATES, 2, N), shared.to_numpy().reshape(6, N)
+
+
+def expected(given: dict[str, Any], row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `share` should, without noise, in float64."""
+    z = np.einsum("ij,jcn->icn", given["moves"][row], given["z"])
+    shared = np.zeros((6, N))
+    for i in range(N):
+        x, y = np.radians([given["lon"][i], given["lat"][i]])
+        apart = sphere.distance(
+            x, y, np.radians(given["buoy_lon"][row]), np.radians(given["buoy_lat"][row])
+        )
+        which = given["scenario"][i] * MEMBERS + given["member"][i]
+        states = 0.5 * (
+            given["means"][row, which, 0] + given["z"][..., i]
+            + given["means"][row, which, 1] + z[..., i]
+        )  # fmt: skip
+        for kind, own in ((0, 4), (1, 5)):
+            near = np.exp(-((apart / LENGTHS[kind]) ** 1.5))
+            alpha = given["mixes"][row, kind] @ near
+            shared[own, i] = np.sqrt(max(1 - alpha @ alpha, 0))
+            std = STDS["wind_std" if kind else "current_std"]
+            total = std * states[2 * kind : 2 * kind + 2]
+            if not kind:
+                total = total + STDS["bias_std"] * states[4:6]
+            shared[2 * kind : 2 * kind + 2, i] = alpha @ total
+    return z, shared
+
+
+@pytest.mark.parametrize("row", [1, 3])
+def test_two_buoys_with_wind_and_bias_in_an_ensemble(row: int) -> None:
+    given = tables(3)
+    own, other = share(given, row), expected(given, row)
+    np.testing.assert_allclose(own[0], other[0], atol=1e-5)
+    np.testing.assert_allclose(own[1][:4], other[1][:4], atol=2e-5)
+    # a square root near 0 keeps half of the digits
+    np.testing.assert_allclose(own[1][4:] ** 2, other[1][4:] ** 2, atol=2e-5)
+    assert (own[1][4] < 1).all()
+    assert own[1][4].min() < 0.5 < own[1][4].max()
+
+
+def test_each_particle_has_noise_of_its_own() -> None:
+    given = tables(4) | {"moves": np.zeros((STEPS + 1, STATES, STATES))}
+    given["kicks"] = np.tile(np.eye(STATES), (STEPS + 1, 1, 1))
+    noise = share(given, 2)[0]
+    assert stats.kstest(noise.ravel(), "norm").pvalue > 1e-3
+    assert np.unique(noise).size == noise.size
+    again = share(given, 2, begins=1)[0]  # the first draw is overwritten by the step's own
+    np.testing.assert_array_equal(noise, again)
+
+
+def test_the_particles_of_a_world_share_their_noise() -> None:
+    given = tables(5) | {"moves": np.zeros((STEPS + 1, STATES, STATES))}
+    given["kicks"] = np.tile(np.eye(STATES), (STEPS + 1, 1, 1))
+    noise = share(given, 1, worlds=1)[0]
+    for world in np.unique(given["world"]):
+        own = noise[..., given["world"] == world]
+        assert (own == own[..., :1]).all()
+    assert np.unique(noise[0, 0]).size == np.unique(given["world"]).size
+
+
+def test_the_first_draw_is_moved_on() -> None:
+    """Its root stands in row 0; a step that keeps everything leaves it."""
+    given = tables(6) | {"moves": np.tile(np.eye(STATES), (STEPS + 1, 1, 1))}
+    given["moves"][0] = 0.0
+    given["kicks"] = np.zeros((STEPS + 1, STATES, STATES))
+    given["kicks"][0] = np.diag(np.arange(STATES) * 0.5)
+    drawn = share(given, 1, begins=1)[0]
+    assert (drawn[0] == 0).all()
+    for state in range(1, STATES):
+        assert stats.kstest(drawn[state].ravel() / (0.5 * state), "norm").pvalue > 1e-4
