@@ -1,4 +1,4 @@
-"""Real drifters, one held out: how much its neighbours' tracks tell of where it goes.
+"""Real drifters, one held out: how much nearer its neighbours' tracks bring the forecast.
 
     python benchmarks/buoy_neighbours.py FOLDER [--near 10] [--most 3] [--smallest]
 

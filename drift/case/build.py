@@ -193,7 +193,7 @@ def _drifters(
         return ()
     if run.scenarios and current.std == 0:
         wrong.lines.append(
-            "[[drifter]]: the current has no error that a buoy could tell of "
+            "[[drifter]]: the current has no error that a buoy could correct "
             f"({current.by[0]}); give uncertainty.current.std, or leave the drifters out"
         )
     with wrong.gathered():

@@ -26,7 +26,7 @@ PARTICLES = 20_000  # of each small forecast
 
 
 def summary_of_buoys(case: Case, where: Environment, buoys: Buoys) -> dict[str, Any]:
-    """Return what each buoy told, and the containment areas [nmi2] with and without them.
+    """Return what each buoy showed, and the containment areas [nmi2] with and without them.
 
     Args:
         case: of the run.
@@ -37,8 +37,8 @@ def summary_of_buoys(case: Case, where: Environment, buoys: Buoys) -> dict[str, 
         For summary.json: `buoys`, a table for each; `particles` of the small forecasts; and
         `area_nmi2` by share at the end, `with` and `without` all buoys. A spill has no areas.
     """
-    told = [_told(case, buoys, number) for number in range(len(buoys.names))]
-    found: dict[str, Any] = {"buoys": told, "notes": [*_notes(case)]}
+    shown = [_seen_by(case, buoys, number) for number in range(len(buoys.names))]
+    found: dict[str, Any] = {"buoys": shown, "notes": [*_notes(case)]}
     if case.spill:
         return found
     small = min(case.particles, PARTICLES)
@@ -47,14 +47,14 @@ def summary_of_buoys(case: Case, where: Environment, buoys: Buoys) -> dict[str, 
         "with": _areas(case, where, case.drifters, small),
         "without": _areas(case, where, (), small),
     }
-    if len(told) > 1:
-        for number, own in enumerate(told):
+    if len(shown) > 1:
+        for number, own in enumerate(shown):
             rest = case.drifters[:number] + case.drifters[number + 1 :]
             own["area_nmi2_without_it"] = _areas(case, where, rest, small)
     return found
 
 
-def _told(case: Case, buoys: Buoys, number: int) -> dict[str, Any]:
+def _seen_by(case: Case, buoys: Buoys, number: int) -> dict[str, Any]:
     """Return the mean error that one buoy shows, and when it was seen."""
     own = case.drifters[number]
     excess = _mean_excess(case, buoys, number)

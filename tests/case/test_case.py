@@ -275,6 +275,9 @@ def test_a_folder_hides_no_shipped_case(tmp_path: Path, monkeypatch: pytest.Monk
     (tmp_path / "mine").mkdir()
     with pytest.raises(UserError, match='no case "mine": neither a file nor a shipped case'):
         case_file.load("mine")
+    (tmp_path / "mine.toml").write_text("")
+    with pytest.raises(UserError, match=r'no case "mine"; did you mean the file "mine\.toml"'):
+        case_file.load("mine")
 
 
 def test_shipped_cases_are_valid(monkeypatch: pytest.MonkeyPatch) -> None:

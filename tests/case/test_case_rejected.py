@@ -81,6 +81,7 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"wind.0": "{ table = [{ time = '+0 h', speed = 5, from = 3 }] }"}, "at least two rows"),
     ({"wind.0": "{ table = [{ time = '+1 h', east = 5, north = 3 }, { time = '+1 h', east = 1, north = 3 }] }"}, "come after"),
     ({"scenario.5.weight": "1"}, r'^scenario.5.weight: "5" is not a number from 0 to 0'),
+    ({"current.0.constant": "{ speed = 1, toward = 'sw' }"}, '"sw" is not a direction in degrees; write 225'),
     ({"title.x": "1"}, "nothing called"),
 ]  # fmt: skip
 

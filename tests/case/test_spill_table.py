@@ -73,7 +73,7 @@ FINDS = {
     "surely false": (AT + TEN + "false = 1\n", "leave it out"),
     "falser than can be": (AT + TEN + "false = 1.5\n", "1.5 must be a share, 0 to 1"),
     "false without end": (AT + TEN + "false = nan\n", "nan is not finite"),
-    "no longitude": ("at = [nan, 27.2]\n" + TEN, "longitude nan is outside -180 to 180"),
+    "no longitude": ("at = [nan, 27.2]\n" + TEN, "longitude nan is outside -180 to 360"),
     "endless longitude": ("at = [inf, 27.2]\n" + TEN, "longitude inf is outside"),
     "swapped": ("at = [27.2, -88.0, 3]\n" + TEN, "find 1.at"),
     "at sea on a stretch": ('stretch = "west"\nat_sea = true\n' + TEN, "at_sea needs at"),

@@ -68,11 +68,11 @@ def _guided(numbers: dict[str, Any]) -> Facts:
 
 
 def _drifters(numbers: dict[str, Any]) -> Facts:
-    """Return what each drifting buoy told, and the areas without them; nothing without buoys."""
+    """Return what each drifting buoy showed, and the areas without; nothing without buoys."""
     if "drifters" not in numbers:
         return {}
-    told, facts = numbers["drifters"], {}
-    for number, own in enumerate(told["buoys"], 1):
+    found, facts = numbers["drifters"], {}
+    for number, own in enumerate(found["buoys"], 1):
         text = (
             f'"{own["name"]}": {own["displacements"]} displacements, until {notation.format_dtg(own["last_fix"])}; the current there was '
             f"{own['excess_m_s'] / KNOT:.2f} kn toward {notation.bearing(own['excess_toward_deg'])} beyond the forcing"
@@ -80,12 +80,12 @@ def _drifters(numbers: dict[str, Any]) -> Facts:
         if without := own.get("area_nmi2_without_it"):
             text += f"; areas without it: {_listed_areas(without)}"
         facts[f"drifter {number}"] = text
-    if "area_nmi2" in told:
-        both = told["area_nmi2"]
+    if "area_nmi2" in found:
+        both = found["area_nmi2"]
         facts["areas by drifters"] = (
             f"before any search, with them {_listed_areas(both['with'])}; without {_listed_areas(both['without'])}"
         )
-    return facts | {f"drifters, note {k}": note for k, note in enumerate(told["notes"], 1)}
+    return facts | {f"drifters, note {k}": note for k, note in enumerate(found["notes"], 1)}
 
 
 def _listed_areas(areas: dict[str, float]) -> str:
@@ -96,7 +96,7 @@ def _listed_areas(areas: dict[str, float]) -> str:
 def _areas(output: dict[str, Any]) -> Facts:
     """Return the containment areas of an output as text, by their shares."""
     return {
-        share: f"{area:,.0f} nmi2" if area == area else "none"
+        share: f"{_rounded(area)} nmi2" if area == area else "none"
         for share, area in output["area_nmi2"].items()
     }
 
@@ -104,6 +104,11 @@ def _areas(output: dict[str, Any]) -> Facts:
 def _opened(numbers: dict[str, Any]) -> dict[str, Any]:
     """Return the output that the map and the report show when they are opened."""
     return next(output for output in numbers["outputs"] if output["time"] == numbers["opens"])
+
+
+def _rounded(area: float) -> str:
+    """Return an area in whole units, or to three digits below ten: a stretch of coast is small."""
+    return f"{area:,.0f}" if area >= 10 else f"{area:.3g}"
 
 
 def _opening(numbers: dict[str, Any]) -> Facts:

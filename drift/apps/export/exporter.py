@@ -31,7 +31,7 @@ def export(
     format: str,
     out: str | os.PathLike[str] | None = None,
     *,
-    times: Sequence[str] = (),
+    times: str | Sequence[str] = (),
     overwrite: bool = False,
 ) -> list[Path]:
     """Write a finished run in a format of other programs.
@@ -41,7 +41,7 @@ def export(
         format: "kml", "kmz", "gpx", "geojson", "geotiff", "rtz" (of plans) or "gif"; of an origin
             "kml", "gpx" or "geojson".
         out: a folder; None: FOLDER-FORMAT in the current one.
-        times: outputs to export, such as ["+12 h", "221200ZNOV26"]; () for all.
+        times: outputs to export, such as "+12 h" or ["+12 h", "221200ZNOV26"]; () for all.
         overwrite: whether an earlier export in `out` is replaced.
 
     Returns:
@@ -56,7 +56,7 @@ def export(
     folder = Path(folder)
     target = Path(out) if out is not None else Path(f"{folder.resolve().name}-{format}")
     publication.check(target, overwrite)
-    run = finished.open_result(folder, times)
+    run = finished.open_result(folder, [times] if isinstance(times, str) else times)
     contents_by_name = _format_files(run, format)
     publication.check(target, overwrite, contents_by_name)
 

@@ -42,8 +42,8 @@ class CurrentErrorTable(fields.Table):
     time: fields.Duration | None = None
     bias: fields.CurrentError | None = None
     length: fields.Width | None = None
-    """Distance over which the error is correlated, as exp(-(d / length)^1.5): how far the track of
-    a [[drifter]] tells of it. Without drifters it has no effect."""
+    """Distance over which the error is correlated, as exp(-(d / length)^1.5): the reach of a
+    [[drifter]]'s track. Without drifters it has no effect."""
 
 
 class WindErrorTable(fields.Table):

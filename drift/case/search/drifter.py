@@ -1,4 +1,4 @@
-"""The [[drifter]] table: a drifting buoy on scene, whose track tells of the errors of the current."""
+"""The [[drifter]] table: a drifting buoy on scene, whose track corrects the current near it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -149,7 +149,7 @@ def build_drifters(tables: Sequence[DrifterTable], run: Run) -> tuple[BuoyTrack,
 
 
 def check_near(buoys: Sequence[BuoyTrack], scenarios: Sequence[Scenario], length: float) -> None:
-    """Reject a buoy too far from every scenario to tell anything of it.
+    """Reject a buoy too far from every scenario to be of use.
 
     Args:
         buoys: of the case.

@@ -1,4 +1,4 @@
-"""What drifting buoys tell of the errors of current and wind: exact Gaussian conditioning, float64.
+"""Errors of current and wind given the tracks of drifting buoys: exact Gaussian conditioning.
 
 A component (east or north) of the error of the current is a Gaussian process with the
 autocorrelation exp(-|t - s| / time) of the case's Ornstein-Uhlenbeck error and the correlation
@@ -121,7 +121,7 @@ def condition(
     Args:
         law: the prior.
         edges: times of the steps [s after the run's start], ascending, (steps + 1,).
-        factors: Cholesky factors of the correlations between the buoys at the begin of each step,
+        factors: Cholesky factors of the correlations between the buoys in the middle of each step,
             of the current's and of the wind's errors, (steps, m, m) each; no wind: None.
         buoys: their fixes; those outside of the steps' time must have been left out.
     """

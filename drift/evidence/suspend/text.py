@@ -37,7 +37,7 @@ def suspension_text(
         "",
     ]
     lines += _fill(
-        f"As of {notation.format_dtg(suspension.now)}, {what}. All of it is given that nothing has been found."
+        f"As of {notation.format_dtg(suspension.now)}, {what}. All figures assume that nothing has been found."
     )
     lines += _fill("The decision is the coordinator's: this is not a recommendation.")
     for warning in warnings(suspension, synthetic):
@@ -76,7 +76,7 @@ def missing_survival_warning(suspension: Suspension) -> list[str]:
     )
     if not (suspension.mortal and names):
         return []
-    return [f"{names} have no survival times: persons adrift there are assumed alive forever."]
+    return [f"no survival times for {names}: persons adrift there are assumed alive forever."]
 
 
 def give_or_take(value: float, error: float) -> str:

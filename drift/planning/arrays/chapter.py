@@ -13,6 +13,7 @@ from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_o
 from drift.products.maps.imprint import Setting
 from drift.products.report import leaves
 from drift.products.report.leaves import Leaf
+from geo import notation
 
 
 @dataclass(frozen=True)
@@ -63,5 +64,27 @@ def chapter(matter: PlacementOutputs) -> OutputBundle:
 
 
 def _leaves(matter: PlacementOutputs) -> list[Leaf]:
-    """Return the plan's page of the report."""
-    return [leaves.text_leaf("Towed arrays", file="arrays.txt")]
+    """Return the plan's items of the report; the arrays' legs are in sorties.geojson."""
+    pod = notation.percent(matter.plan.pos)
+    until = notation.format_dtg(matter.plan.until)
+    return [
+        leaves.headline_leaf(
+            f"The planned arrays hear it by {until} with a probability of {pod} (POD)."
+        ),
+        leaves.shapes_leaf(
+            "Planned arrays",
+            "sorties.geojson",
+            "planned",
+            where={"kind": "sortie", "status": "planned", "shape": "legs"},
+            label="name",
+            told=[
+                ("start", "Begins", "time"),
+                ("end", "Ends", "time"),
+                ("poc", "POC", "share"),
+                ("pod", "POD", "share"),
+                ("pos", "POS", "share"),
+            ],
+            frame=True,
+        ),
+        leaves.text_leaf("Towed arrays", file="arrays.txt"),
+    ]

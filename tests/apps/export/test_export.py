@@ -163,6 +163,16 @@ def test_outputs_of_a_backward_run_come_in_ascending_order() -> None:
     assert chosen(outputs, ["011200ZJUN26", "-4 h"]) == [2, 1]
 
 
+def test_one_time_may_be_text_and_the_message_names_the_argument(run: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r'^times: "noon" is not a time'):
+        drift.export(run, "kml", tmp_path / "out", times="noon")
+    one = drift.export(run, "kml", tmp_path / "one", times="+0 h")
+    several = drift.export(run, "kml", tmp_path / "several", times=["+0 h"])
+    assert [path.read_bytes() for path in one if path.suffix == ".kml"] == [
+        path.read_bytes() for path in several if path.suffix == ".kml"
+    ]
+
+
 def test_geojson_holds_positions_and_the_areas(
     run: Path, forecast: xr.Dataset, tmp_path: Path
 ) -> None:

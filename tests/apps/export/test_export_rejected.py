@@ -24,8 +24,8 @@ from geo.errors import UserError
     ("told", "words"),
     [
         (["{run}", "shp"], "argument FORMAT: invalid choice"),
-        (["{run}", "kml", "--time", "+5 h"], '--time "+5 h": there is no output in that minute; outputs go from 012000ZJUN26 to 020800ZJUN26'),
-        (["{run}", "kml", "--time", "noon"], '--time: "noon" is not a time'),
+        (["{run}", "kml", "--time", "+5 h"], '--time TIME: there is no output in the minute of "+5 h"; outputs go from 012000ZJUN26 to 020800ZJUN26'),
+        (["{run}", "kml", "--time", "noon"], '--time TIME: "noon" is not a time'),
         (["nowhere", "kml"], "results nowhere: the folder does not exist"),
         (["{changed}", "kml"], 'not the complete result of a run: "contours.geojson" has been changed'),
         (["{export}", "kml"], "contain no forecast.nc; give a folder written by drift run, drift plan"),

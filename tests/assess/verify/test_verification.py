@@ -63,6 +63,8 @@ def test_errors_a_third_as_large_hold_what_the_closed_form_says(tmp_path):
                 expected * (1 - expected) / COUNT
             )
     assert "too small" in verification_text.headline(made)
+    assert verification_text.headline(made) in repr(made)
+    assert len(repr(made)) < 3000  # figures, and no arrays
 
 
 def apart(lon1, lat1, lon2, lat2):

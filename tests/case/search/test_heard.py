@@ -100,7 +100,7 @@ WRONG = {
     "no sensor": (BEARING.replace("array", "aray"), 'no sensor "aray"; did you mean "array"?'),
     "zones": (BEARING.replace(" }", ', zones = [["0 nmi", "9 nmi", 0.9]] }'), "zones and sensor"),
     "from of what stands": (BEARING.replace(" }", ', from = "27 20N 088 00W" }'), "has a fixed position"),
-    "heading of what stands": (BEARING.replace(" }", ", heading = 20 }"), "has a fixed position (at in its table)"),
+    "heading of what stands": (BEARING.replace(" }", ", heading = 20 }"), "has a fixed position (`at` in its table)"),
     "no place": (BY_TOW.replace('from = "27 20N 088 00W", ', ""), 'where was sensor "towed"?'),
     "no heading": (BY_TOW.replace("heading = 200, ", ""), "give its heading at the time"),
     "no place at all": ('bearing = { bearing = 280, std = "3 deg" }\n', "from is missing"),

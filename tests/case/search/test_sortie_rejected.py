@@ -104,7 +104,7 @@ SORTIES = {
     "half a corner": (WHEN + WIDTH + FAST + SWEEP.replace(" }", ', corner = "N" }'), "two corners are equally far in that direction"),
     "a pattern that takes too long": (
         WHEN.replace("+8", "+7") + WIDTH + FAST + SWEEP,
-        "119 nmi of legs take 79 min, from start to end are 60 min",
+        "119 nmi of legs take 79 min, but start to end is 60 min",
     ),
     "a share that takes too long": (
         'start = "+6 h"\nend = "+6.5 h"\ncompleted = 0.5\n' + WIDTH + FAST + SWEEP,

@@ -147,7 +147,7 @@ def row(geometry, **properties):
             [row({"type": "Polygon", "coordinates": [[[1, 1], [2, 1], [1, 1], [1, 1]]]}, name="a")],
             "without area",
         ),
-        ([row(BOX, name="a"), row(BOX, name="b")], '"b" belongs to others'),
+        ([row(BOX, name="a"), row(BOX, name="b")], '"b" is taken by other'),
         # Half a degree west of the island, 55.6 km, and 100 m long.
         (
             [row({"type": "LineString", "coordinates": [[9.5, 0], [9.5, 0.001]]}, name="off")],

@@ -90,6 +90,21 @@ def test_nothing_can_be_fetched(browser: Any, results: Path) -> None:
         assert opened.page.evaluate("window.run") is None
 
 
+def test_names_are_above_all_lines_and_go_with_their_layer(browser: Any, results: Path) -> None:
+    with Opened(browser, results) as opened:
+        order = """() => {
+          const own = report.layers.filter(one => one.nameplates), of = one => one.getZIndex();
+          return [Math.min(...own.map(one => of(one.nameplates))), Math.max(...report.layers.map(one => of(one.layer)))];
+        }"""
+        lowest_name, highest_line = opened.page.evaluate(order)
+        assert lowest_name > highest_line
+        shown = "report.layers.filter(one => one.nameplates && one.nameplates.getVisible() !== one.layer.getVisible()).length"
+        assert opened.page.evaluate(shown) == 0
+        opened.page.locator("#layers label", has_text="Sorties").click()
+        visible = "report.layers.find(one => one.title === 'Sorties').nameplates.getVisible()"
+        assert opened.page.evaluate(visible) is False
+
+
 def test_the_slider_moves_through_the_outputs(browser: Any, results: Path) -> None:
     """By keys, by the buttons, by a row of the table, and by playing; what is told is track.csv's."""
     data = xr.open_dataset(results / "forecast.nc")

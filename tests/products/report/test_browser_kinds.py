@@ -122,7 +122,7 @@ def test_every_kind_of_run(browser: Any, tmp_path: Path, kind: str) -> None:
     with Opened(browser, tmp_path / "results") as opened:
         titles = opened.page.locator("#layers label").all_inner_texts()
         assert layer in titles
-        told = HEADLINES.get(kind, r"At \d{6}Z\w+ it is most likely ")
+        told = HEADLINES.get(kind, r"At \d{6}Z\w+ (it|an object) is most likely ")
         assert kind == "origin" or re.search(told, opened.page.locator("#headline").inner_text())
         for k in range(opened.page.evaluate("report.times.length")):
             opened.show(k)
