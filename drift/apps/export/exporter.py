@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from drift.apps.export import animation, finished, gis, globe, plotter, raster, routes
+from drift.apps.export import animation, finished, gis, globe, messages, plotter, raster, routes
 from drift.apps.export.finished import Finished, Release
 from drift.products.files import publication, writer
 from geo.errors import UserError
@@ -17,6 +17,7 @@ FORMATS: Mapping[str, Callable[[Finished], dict[str, bytes]]] = {
     "geotiff": raster.files,
     "rtz": routes.files,
     "gif": animation.files,
+    "sitrep": messages.files,
 }
 # Formats for results of `drift origin`.
 OF_RELEASE: Mapping[str, Callable[[Release], dict[str, bytes]]] = {
@@ -38,7 +39,7 @@ def export(
 
     Args:
         folder: complete results of `run`, `plan` or `origin` (see `results`).
-        format: "kml", "kmz", "gpx", "geojson", "geotiff", "rtz" (of plans) or "gif"; of an origin
+        format: "kml", "kmz", "gpx", "geojson", "geotiff", "rtz" (of plans), "gif" or "sitrep"; of an origin
             "kml", "gpx" or "geojson".
         out: a folder; None: FOLDER-FORMAT in the current one.
         times: outputs to export, such as "+12 h" or ["+12 h", "221200ZNOV26"]; () for all.
