@@ -22,6 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests" / "oracles"), str(ROOT / "tests" / "geo" / "files"), str(ROOT)]
 
+import model_writers
 import numpy as np
 import smallest
 import test_grib
@@ -63,8 +64,8 @@ def deflated(path: Path) -> Path:
 
 
 NETCDF = {
-    "regular": writers.regular, "packed": writers.packed, "projected": writers.projected, "roms": writers.roms,
-    "fvcom": writers.fvcom, "classic": classic, "deflated": deflated, "checksums": checked,
+    "regular": writers.regular, "packed": writers.packed, "projected": writers.projected, "roms": model_writers.roms,
+    "fvcom": model_writers.fvcom, "classic": classic, "deflated": deflated, "checksums": checked,
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""drift: forecasts and search plans for objects adrift at sea.
+"""Forecasts and search plans for objects adrift at sea.
 
     import drift
     case = drift.load("case.toml")      # or the name of a shipped case
@@ -10,18 +10,16 @@
 | function | what |
 |---|---|
 | `load`, `vary`, `check` | read a case, change its keys, report how drift interprets it |
-| `run`, `run_many`, `progress` | make one forecast, make many with shared forcing, show a progress
-bar |
+| `run`, `run_many`, `progress` | make one forecast, make many, show a progress bar |
 | `plan`, `patrol` | plan the next search by units, plan patrols of a coast |
 | `place`, `allocate` | place towed arrays, allocate beams to processors |
 | `origin` | backtrack a spill from its finds to its release |
 | `compare` | compare two cases on common random numbers: differences with standard errors |
-| `verify`, `fit_errors` | verify forecasts against tracks of real drifters, fit the error model to
-them |
+| `verify`, `fit_errors` | verify forecasts with real drifters, fit the error model to them |
 | `sensor_reach` | map where a sensor of a case would detect a target |
 | `track`, `experiment` | reacquire a lost contact, run an experiment of many runs |
-| `fetch`, `results`, `export`, `serve` | download forcing, list and convert results, open the
-browser app |
+| `fetch`, `results`, `export` | download forcing, list results, convert them |
+| `serve` | open the browser app |
 """
 
 import lazy_loader as _lazy

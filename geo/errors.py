@@ -36,7 +36,9 @@ SAME = (
     "time",
 )
 # option -> equivalent argument, where the names differ
-ARGUMENTS = {name: name.replace("-", "_") for name in SAME} | {
+ARGUMENTS = {
+    "time TIME": "times",  # of an export, which takes several
+    **{name: name.replace("-", "_") for name in SAME},
     "drifters": "files",
     "figure": "figures",
     "from": "begin",

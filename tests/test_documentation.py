@@ -20,6 +20,7 @@ from drift.assess.verify import chapter as drifters_chapter
 from drift.case.scenario import scenario
 from drift.case.search.barrier import BarrierTable, LineTable
 from drift.case.search.contact import BearingTable, ContactTable, PlaceTable, RangeTable
+from drift.case.search.drifter import DrifterTable
 from drift.case.search.look import LookTable
 from drift.case.search.pattern import NEEDS, PatternTable, RegionTable
 from drift.case.search.plan import PlanTable, ResamplingTable, UnitTable
@@ -59,6 +60,7 @@ HEADINGS: dict[str, type[BaseModel]] = {
     "[[contact]] / position": PlaceTable,
     "[[contact]] / bearing": BearingTable,
     "[[contact]] / range": RangeTable,
+    "[[drifter]]": DrifterTable,
     "[[look]]": LookTable,
     "[[presence]]": PresenceTable,
     "[[barrier]]": BarrierTable,
@@ -98,7 +100,7 @@ WRITTEN: dict[str, set[str]] = {
     "docs/fetch.md": {fetching.TABLES, "manifest.json"},
     "docs/verify.md": {*drifters_chapter.FILES, *drifters_chapter.PICTURES},
     "docs/formats.md": {"forecast.kml", "forecast.gpx", "stretches.gpx", "patrols.gpx", "areas.geojson", "positions.geojson"}
-    | {"origin.kml", "origin.gpx"},  # of exports
+    | {"origin.kml", "origin.gpx", "sitrep.txt", "navtex.txt"},  # of exports
 }  # fmt: skip
 
 

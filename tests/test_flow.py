@@ -4,9 +4,11 @@ up, no one inland.
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import trial_case
 from one_thread import Process
 
 import drift
@@ -16,35 +18,25 @@ from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import shore
 
-REPORTED = """
-title = "reported on scene"
-start = "211830ZNOV26"
-duration = "{duration}"
-direction = "{direction}"
-particles = {particles}
-coast.source = "{coast}"
-output.every = "3 h"
-[[current]]
-constant = {{ speed = "0.5 kn", toward = 90 }}
-[[wind]]
-table = [ {{ time = "211200ZNOV26", speed = "10 kn", from = 200 }}, {{ time = "231800ZNOV26", speed = "20 kn", from = 200 }} ]
-[[scenario]]
-name = "raft"
-object = {{ windage = "3 %" }}
-position = {{ at = {at}, std = "{std}" }}
-"""
 
-
-def case_of(folder: Path, **changes: object) -> drift.Case:
-    values = {
-        "duration": "12 h",
-        "direction": "forward",
-        "particles": 4000,
-        "coast": "none",
-        "at": '"27 30N 088 00W"',
+def case_of(folder: Path, wind_from: int = 200, std: str = "1 nmi", **changes: Any) -> drift.Case:
+    """Return a case with a reported wind, of which 3 % drive the raft."""
+    wind = {
+        "table": [
+            {"time": "211200ZNOV26", "speed": "10 kn", "from": wind_from},
+            {"time": "231800ZNOV26", "speed": "20 kn", "from": wind_from},
+        ]
     }
-    (folder / "case.toml").write_text(REPORTED.format(**{**values, "std": "1 nmi", **changes}))
-    return drift.load(folder / "case.toml")
+    at, windage = changes.pop("at", "27 30N 088 00W"), changes.pop("windage", "3 %")
+    plain = {
+        "start": "211830ZNOV26",
+        "duration": "12 h",
+        "particles": 4000,
+        "output": {"every": "3 h"},
+        "wind": wind,
+        "scenario": {"object": {"windage": windage}, "position": {"at": at, "std": std}},
+    }
+    return trial_case.load(folder, **{**plain, **changes})
 
 
 ONE = """
@@ -100,12 +92,10 @@ def test_reported_wind_and_current_need_no_file_and_move_as_they_should(tmp_path
 def test_a_backward_run_returns_to_where_a_forward_run_came_from(tmp_path: Path) -> None:
     forward = drift.run(case_of(tmp_path, std="0 m"))
     end = {x: float(forward.forecast.data[f"mean_{x}"].isel(time=-1)) for x in ("lon", "lat")}
-    at = "[{lon:.8f}, {lat:.8f}]".format(**end)
-    text = case_of(tmp_path, direction="backward", std="0 m", at=at).text.replace(
-        '"211830ZNOV26"', '"220630ZNOV26"'
+    at = [end["lon"], end["lat"]]
+    result = drift.run(
+        case_of(tmp_path, start="220630ZNOV26", direction="backward", std="0 m", at=at)
     )
-    (tmp_path / "back.toml").write_text(text)
-    result = drift.run(drift.load(tmp_path / "back.toml"))
     data = result.forecast.data
     lon, lat = (np.radians(float(data[f"mean_{x}"].isel(time=-1))) for x in ("lon", "lat"))
     assert sphere.distance(lon, lat, *np.radians([-88, 27.5])) < 5
@@ -121,15 +111,16 @@ def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
     land = shore.read_land("gshhg", box)
     coast = shoreline.build_coast(land, box)
     for step in ("5 min", "60 min"):
-        text = case_of(
-            tmp_path, particles=8_000, coast="gshhg", at='"60 50N 004 40E"'
-        ).text.replace("3 %", "8 %")
-        (tmp_path / "case.toml").write_text(
-            text.replace("200", "250").replace(
-                "[[scenario]]", f'[clock]\nstep = "{step}"\n[[scenario]]', 1
-            )
+        onshore = case_of(
+            tmp_path,
+            wind_from=250,
+            particles=8_000,
+            coast={"source": "gshhg"},
+            at="60 50N 004 40E",
+            windage="8 %",
+            clock={"step": step},
         )
-        result = drift.run(drift.load(tmp_path / "case.toml"))
+        result = drift.run(onshore)
         tracks = result.trajectories
         assert not shoreline.is_land(coast, tracks.lon.ravel(), tracks.lat.ravel()).any()
         ashore = result.summary["account"]["ashore"]
@@ -166,17 +157,17 @@ def test_nobody_is_inland_at_outputs_inside_a_step(tmp_path: Path) -> None:
     """
     land = shore.read_land("gshhg", Box(4, 60, 6.5, 62))
     coast = shoreline.build_coast(land, Box(4, 60, 6.5, 62))
-    text = case_of(
-        tmp_path, particles=3_000, coast="gshhg", at='"60 50N 004 40E"', duration="1 h"
-    ).text
-    text = text.replace(
-        'output.every = "3 h"',
-        'output = { every = "7 min", trajectories = 3000 }\nclock.step = "60 min"',
+    case = case_of(
+        tmp_path,
+        wind_from=250,
+        duration="1 h",
+        particles=3_000,
+        coast={"source": "gshhg"},
+        at="60 50N 004 40E",
+        output={"every": "7 min", "trajectories": 3000},
+        clock={"step": "60 min"},
+        uncertainty={"diffusivity": "100 m2/s"},
     )
-    text = text.replace(
-        "[[scenario]]", '[uncertainty]\ndiffusivity = "100 m2/s"\n[[scenario]]', 1
-    ).replace("200", "250")
-    (tmp_path / "case.toml").write_text(text)
-    tracks = drift.run(drift.load(tmp_path / "case.toml")).trajectories
+    tracks = drift.run(case).trajectories
     assert tracks.lon.shape == (3000, 10)
     assert not shoreline.is_land(coast, tracks.lon.ravel(), tracks.lat.ravel()).any()

@@ -6,6 +6,7 @@ import json
 import resource
 from pathlib import Path
 
+import model_writers
 import numpy as np
 import pytest
 import writers
@@ -118,7 +119,11 @@ def same(one: drift.Brief, alone: drift.Result) -> None:
     assert one.step == alone.summary["run"]["step_s"]
 
 
-GRIDS = {"regular": writers.regular, "staggered": writers.roms, "triangles": writers.fvcom}
+GRIDS = {
+    "regular": writers.regular,
+    "staggered": model_writers.roms,
+    "triangles": model_writers.fvcom,
+}
 
 
 @pytest.mark.thorough
@@ -151,8 +156,8 @@ def shore_of(value: float, path: Path) -> Path:
 
 
 OTHERS = {
-    "rotated pole": writers.rotated,
-    "curvilinear": writers.curved_true,
+    "rotated pole": model_writers.rotated,
+    "curvilinear": model_writers.curved_true,
     "land as zero": lambda path: shore_of(0.0, path),
     "land as missing": lambda path: shore_of(np.nan, path),
 }

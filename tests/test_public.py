@@ -95,6 +95,20 @@ def test_a_case_alone_is_enough_and_options_have_their_defaults(name: str) -> No
         signature.bind(*cases, thread=2)
 
 
+@pytest.mark.parametrize(
+    ("name", "option", "hint"),
+    [("run", "dataset", "did you mean 'datasets'?"), ("plan", "seed", "drift.vary")],
+)
+def test_an_unknown_option_names_the_function_and_the_options(
+    name: str, option: str, hint: str
+) -> None:
+    function = getattr(drift, name)
+    with pytest.raises(TypeError, match=rf"^drift.{name}: no option '{option}'") as raised:
+        function(drift.load("overdue_boat"), **{option: 1})
+    assert hint in str(raised.value)
+    assert ", ".join(inspect.signature(function).parameters) in str(raised.value)
+
+
 def test_help_of_a_run_says_units_and_shapes() -> None:
     shown = pydoc.render_doc(drift.run, renderer=pydoc.plaintext)
     for words in (

@@ -110,6 +110,10 @@ def test_particles_are_those_of_the_file(ran: tuple[drift.Result, Path]) -> None
     # the Earth, a number of no meaning by itself
     written = xr.open_dataset(folder / "particles.nc").drop_vars("crs")
     xr.testing.assert_allclose(result.particles.drop_attrs(), written.drop_attrs())
+    result.particles.to_netcdf(folder.parent / "tracks.nc")  # no particle has ended: times are NaT
+    again = xr.open_dataset(folder.parent / "tracks.nc")
+    assert again["time_ended"].isnull().all()
+    xr.testing.assert_allclose(again.drop_attrs(), result.particles.drop_attrs())
     frame = result.particles.to_dataframe().reset_index()
     assert len(frame) == result.particles.sizes["trajectory"] * result.particles.sizes["time"]
 

@@ -285,6 +285,8 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
             raise UserError(
                 f'"{name}" is a tracking case: drift experiment or drift track, see drift cases'
             ) from None
+        if os.path.lexists(f"{name}.toml"):
+            raise UserError(f'no case "{name}"; did you mean the file "{name}.toml"?') from None
         names = ", ".join(name for name, _ in shipped())
         raise UserError(
             f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases'
@@ -343,5 +345,8 @@ def _index(node: Any, part: str, key: str) -> int:
     if not isinstance(node, list):
         raise UserError(f'{key}: there is nothing called "{part}" inside a value')
     if not part.isdecimal() or int(part) >= len(node):
-        raise UserError(f'{key}: "{part}" is not a number from 0 to {len(node) - 1}')
+        raise UserError(
+            f'{key}: "{part}" is not a number from 0 to {len(node) - 1}; items of a list are counted '
+            "from 0, as in scenario.0.weight"
+        )
     return int(part)

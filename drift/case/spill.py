@@ -385,7 +385,7 @@ class PatrolUnitTable(fields.Table):
             )
         if self.stretches and self.base is not None:
             raise ValueError(
-                "give either stretches = [names] or base with reach, or neither: it can go anywhere"
+                "give either stretches = [names], or base with reach, or none of them if the team can go anywhere"
             )
         if (self.base is None) != (self.reach is None):
             raise ValueError(

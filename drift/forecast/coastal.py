@@ -5,6 +5,7 @@ Stranded particles occupy a strip a cell or two wide, whose outline would disapp
 shoreline of a chart. Areas are nested; each cell belongs to the smallest that contains it.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import shapely
 from scipy import ndimage
 
-from geo import notation, sphere
+from geo import notation, polyline, sphere
 from geo.array import Array
 from geo.notation import NMI
 
@@ -32,6 +33,30 @@ def coast_lines_by_share(at: Any, shares: Sequence[float]) -> dict[float, shapel
     which = np.where(_on_coast(at), np.searchsorted(shares, held), len(shares))
     found = np.unique(which[which < len(shares)]).tolist()
     return {shares[k]: _lines(which, k, at["lon"].values, at["lat"].values) for k in found}
+
+
+def coast_length(at: Any, share: float) -> float:
+    """Return about how much coast [m] lies inside the area of a share.
+
+    Steps of the lines from cell to cell are smoothed over a cell, so that a slanting coast is not
+    longer than a straight one.
+    """
+    lines = coast_lines_by_share(at, [share]).get(share)
+    if lines is None:
+        return 0.0
+    cell = max(float(np.abs(np.diff(at[name].values[:2])).item()) for name in ("lon", "lat"))
+    smooth = shapely.simplify(shapely.line_merge(lines), cell)
+    return math.fsum(
+        polyline.great_circle_length(shapely.get_coordinates(line))
+        for line in shapely.get_parts(smooth)
+    )
+
+
+def mostly_on_coast(at: Any, share: float) -> bool:
+    """Return whether most of the probability inside the area of a share is in cells of the coast."""
+    inside = np.nan_to_num(at["containment"].values, nan=np.inf) <= share
+    held = np.where(inside, at["probability"].values, 0.0)
+    return bool(held[_on_coast(at)].sum() > 0.5 * held.sum())
 
 
 def _on_coast(at: Any) -> Array:

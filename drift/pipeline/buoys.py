@@ -87,8 +87,9 @@ def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | 
         )
     law = law_of(case)
     windy = law.wind_std > 0
-    current = _factors(places[:-1], law.current_length)
-    wind = _factors(places[:-1], law.wind_length)
+    middles = _middles(places)
+    current = _factors(middles, law.current_length)
+    wind = _factors(middles, law.wind_length)
     shifted = [replace(own, time=own.time - clock.start) for own in fixes]
     given = buoy_errors.condition(law, edges, (current, wind if windy else None), shifted)
     return Buoys(
@@ -242,6 +243,14 @@ def _advected(
         lon, lat = sphere.destination(lon, lat, *(velocity * (time - before)))
         before = time
         yield float(np.degrees(lon)), float(np.degrees(lat))
+
+
+def _middles(places: Array) -> Array:
+    """Return the middles between places at the edges of steps (steps + 1, m, 2) [deg]."""
+    lon, lat = np.radians(places[..., 0]), np.radians(places[..., 1])
+    east, north = sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:])
+    x, y = sphere.destination(lon[:-1], lat[:-1], east / 2, north / 2)
+    return np.asarray(np.degrees(np.stack([x, y], axis=-1)))
 
 
 def _factors(places: Array, length: float) -> Array:

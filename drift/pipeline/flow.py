@@ -20,6 +20,7 @@ from drift.engine.environment import ambient, environment
 from drift.engine.environment.ambient import Flow
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import scene, simulate
+from drift.engine.motion.buoys import BuoyTrack
 from drift.engine.motion.forcing import Sources
 from drift.engine.motion.spool import SnapshotStore
 from drift.engine.particles import life
@@ -387,6 +388,7 @@ def build_result(job: Job, run: FinishedRun) -> Result:
     over = (
         partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors),
         partial(_overlay_flows, flows),
+        *([partial(_overlay_buoys, case.drifters)] if case.drifters else []),
     )
     return Result(
         case,
@@ -426,6 +428,13 @@ def _overlay_flows(found: Mapping[str, Flow], time: Any) -> Any:
     from drift.engine.environment import layers  # imported late: Matplotlib takes a second
 
     return layers.flows(found, time)
+
+
+def _overlay_buoys(buoys: Sequence[BuoyTrack], time: Any) -> Any:
+    """Return the map overlay of drifting buoys."""
+    from drift.engine.environment import layers
+
+    return layers.buoy_tracks(buoys, time)
 
 
 def _initial_status(case: Case, ensemble: Ensemble) -> SearchStatus | None:
@@ -566,10 +575,22 @@ def _write(
     # the forecast of a plan's failure shows the time after the plan
     mapped_at = failed if planned is None else replace(failed, opens=None)
     forecast_matter = forecast_chapter.ForecastOutputs(
-        result.forecast, result.trajectories, mapped_at, result.overlays, sensors
+        result.forecast, result.trajectories, mapped_at, result.overlays, sensors, failed.opens
     )
     chapters.insert(0, forecast_chapter.forecast_bundle(forecast_matter))
-    publish_outputs(out, chapters, failed, overwrite=overwrite, tell=partial(report, "write"))
+    shown = failed
+    if planned is not None:  # the report opens as the plan begins, before it can fail
+        shown = replace(failed, imprint=replace(on.imprint, title=f"Plan: {case.title}"))
+        chapters.append(OutputBundle(leaves=(_plan_items,)))
+    publish_outputs(out, chapters, shown, overwrite=overwrite, tell=partial(report, "write"))
+
+
+def _plan_items() -> list[Any]:
+    """Return the report's remark on the maps after a plan's searches."""
+    from drift.products.report import leaves  # imported late: Matplotlib takes a second
+
+    words = "The maps after each planned search assume that it found nothing."
+    return [leaves.headline_leaf(words)]
 
 
 def _environment_items(result: Result, on: Setting) -> list[Any]:

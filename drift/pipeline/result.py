@@ -100,7 +100,11 @@ class Result:
 
         `.to_dataframe()` converts the tracks to pandas.
         """
-        return xr.decode_cf(forecast_tracks.dataset(self.trajectories, self.forecast))
+        tracks = xr.decode_cf(forecast_tracks.dataset(self.trajectories, self.forecast))
+        for name in ("time_released", "time_ended"):
+            if name in tracks:  # with a calendar, xarray cannot write times that are all missing
+                tracks[name].encoding.pop("calendar", None)
+        return tracks
 
     @property
     def tables(self) -> dict[str, pandas.DataFrame]:

@@ -5,6 +5,7 @@ threads of one program run one after another, because Taichi serves one thread a
 """
 
 import contextlib
+import difflib
 import functools
 import inspect
 import os
@@ -169,16 +170,31 @@ def serialized(function: Callable[P, R]) -> Callable[P, R]:
 
     Signals interrupt the wait. A nested call from inside a run, for instance by its `report`, does
     not wait. If a graphics card runs out of memory, the call raises UserError. The new function's
-    signature and docstring list each of the `**options`.
+    signature and docstring list each of the `**options`; an unknown option raises TypeError.
     """
 
     @functools.wraps(function)
     def serialized_call(*args: P.args, **kwargs: P.kwargs) -> R:
+        _reject_unknown_options(serialized_call, kwargs)
         with runtime.alone(), runtime.telling_full():
             return function(*args, **kwargs)
 
     _spell_out_options(function, serialized_call)
     return serialized_call
+
+
+def _reject_unknown_options(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
+    """Raise TypeError for a keyword that a public function does not take."""
+    allowed = list(inspect.signature(function).parameters)
+    unknown = [name for name in given if name not in allowed]
+    if not unknown:
+        return
+    near = difflib.get_close_matches(unknown[0], allowed, 1)
+    hint = f" did you mean {near[0]!r}?" if near else ""
+    raise TypeError(
+        f"drift.{function.__name__}: no option {unknown[0]!r};{hint} allowed: {', '.join(allowed)}. "
+        "Keys of the case, such as seed, are changed by drift.vary"
+    )
 
 
 def _spell_out_options(function: Callable[..., Any], wrapper: Any) -> None:

@@ -101,7 +101,7 @@ def ensemble_spec(case: Case) -> EnsembleSpec:
         debris=tuple(contact.drifter for contact in case.contacts if contact.drifter is not None),
         release=Release(case.spill.release_std, case.spill.windage_bias) if case.spill else None,
         counts=case.counts,
-        buoy_states=buoy_errors_at.states_of(case) if case.drifters else 0,
+        buoys=(len(case.drifters), buoy_errors_at.states_of(case)),
     )
 
 
@@ -238,7 +238,7 @@ def with_buoy_columns(case: Case, ensemble: Ensemble) -> Ensemble:
     """Return an ensemble with the columns in which it shares the errors at buoys, if any."""
     if not case.drifters:
         return ensemble
-    columns = on_scene.columns(buoy_errors_at.states_of(case))
+    columns = on_scene.columns(len(case.drifters), buoy_errors_at.states_of(case))
     return replace(ensemble, own={**ensemble.own, **record.filled(columns, ensemble.n)})
 
 

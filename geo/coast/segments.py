@@ -113,8 +113,8 @@ def read_named_segments(
     empty = np.flatnonzero(np.bincount(owner[owner >= 0], minlength=len(features)) == 0)
     if empty.size:
         raise UserError(
-            f'segments "{path}": all the shoreline of "{features[empty[0]].name}" belongs to others that lie nearer or '
-            "come first; move or delete it"
+            f'segments "{path}": all the shoreline of "{features[empty[0]].name}" is taken by other segments, which lie nearer '
+            "or come first in the file; move or delete it"
         )
     return _build_segments(coast, edge, owner, features, rest)
 

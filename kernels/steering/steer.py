@@ -813,9 +813,11 @@ def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast 
 def move_targets(
     columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, room: Room
 ) -> bool:
-    """Move targets as a `mover` does, and write their pieces; return whether all pieces fitted.
+    """Move targets by a step and write the pieces of their tracks.
 
-    Otherwise the targets have moved, but `write_pieces` must be called for the pieces.
+    Returns:
+        Whether all pieces fitted into `room`. If not, the targets have moved, but the pieces must
+        be written again by `write_pieces`.
     """
     fixed = coast is not None, *own.launched, packed(columns), plan, (coast or open_sea()).pack
     every = *fixed, Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, BOTH

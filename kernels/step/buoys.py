@@ -38,6 +38,7 @@ Numbers = ti.types.struct(
     members=ti.i32,  # of the forcing ensemble, 1 without one
     worlds=ti.i32,  # 1: the particles of a world have one deviation; 0: each has its own
     begins=ti.i32,  # 1: the deviation is drawn, before the first step
+    ahead=ti.f32,  # half of the step, in lengths of the one before; 0 in the first step
 )
 
 
@@ -85,29 +86,47 @@ def _move(
 
 @ti.func
 def _alpha(
-    mixes: ti.template(), old: ti.template(), n: ti.i32, i: ti.i32, buoys: ti.i32, at: ti.i32,
-    j: ti.i32,
+    mixes: ti.template(), near: ti.template(), first: ti.i32, n: ti.i32, i: ti.i32, buoys: ti.i32,
+    at: ti.i32, j: ti.i32,
 ):  # fmt: skip
     """Return the weight of process j in a particle's error: row j of the inverse of the buoys'
-    Cholesky factor times the correlations with the buoys, which stand in `old`.
+    Cholesky factor times the correlations with the buoys, which stand in `near` from row `first`.
     """
     total = ti.f32(0.0)
     for b in range(j + 1):
-        total += mixes[(at * buoys + j) * buoys + b] * old[b * n + i]
+        total += mixes[(at * buoys + j) * buoys + b] * near[(first + b) * n + i]
     return total
 
 
 @ti.func
 def _correlate(
-    old: ti.template(), n: ti.i32, i: ti.i32, lon: ti.i32, lat: ti.i32, buoys: ti.i32,
-    places: ti.template(), row: ti.i32, length: ti.f32,
+    scratch: ti.template(), first: ti.i32, n: ti.i32, i: ti.i32, buoys: ti.i32, length: ti.f32
+):
+    """Write the correlation of a particle's error with that of each buoy behind the distances, which
+    stand in rows `first` to `first` + buoys - 1 of the scratch.
+    """
+    for b in range(buoys):
+        share = scratch[(first + b) * n + i] / length
+        # drift.engine.motion.buoy_errors.POWER
+        scratch[(first + buoys + b) * n + i] = ti.exp(-share * ti.sqrt(share))
+
+
+@ti.func
+def _measure(
+    z: ti.template(), scratch: ti.template(), first: ti.i32, n: ti.i32, i: ti.i32, lon: ti.i32,
+    lat: ti.i32, buoys: ti.i32, places: ti.template(), row: ti.i32, ahead: ti.f32,
 ):  # fmt: skip
-    """Write the correlation of a particle's error with that of each buoy into `old`."""
+    """Write a particle's distance from each buoy in the middle of the step into the scratch.
+
+    It is extrapolated from the distances at the begins of this step and of the one before, which
+    stand in rows `first` on of z; the error is of second order in the step.
+    """
     for b in range(buoys):
         at = 2 * (row * buoys + b)
-        apart = sphere.offset_near(lon, lat, places[at], places[at + 1])
-        share = apart.norm() / length
-        old[b * n + i] = ti.exp(-share * ti.sqrt(share))  # buoy_errors.POWER
+        apart = sphere.offset_near(lon, lat, places[at], places[at + 1]).norm()
+        last = z[(first + b) * n + i]
+        scratch[(first + b) * n + i] = ti.max(apart + ahead * (apart - last), 0.0)
+        z[(first + b) * n + i] = apart
 
 
 @ti.kernel
@@ -145,15 +164,16 @@ def share_errors(
         member: of the forcing ensemble, of each particle; (1,) without one.
         lon: position at the begin of the step [binary angle].
         lat: position at the begin of the step.
-        z: deviations, rows (state, component), flat (2 states n,).
-        old: scratch of the same shape.
+        z: deviations, rows (state, component), then the distances from the buoys at the begin of the
+            step before [m], flat ((2 states + buoys) n,).
+        old: scratch, flat ((2 states + 2 buoys) n,).
         shared: written: rows SHARED.
         moves: transition of the deviations, (steps, states, states), flat; row 0: the first draw.
         kicks: root of the covariance of what is added, as `moves`.
         means: mean of the processes at begin and end of a step, by scenario and member,
             (steps, scenarios members, 2, states, 2), flat.
-        mixes: inverses of the Cholesky factors of the correlations between buoys, of the current's
-            and of the wind's errors, (steps, 2, buoys, buoys), flat.
+        mixes: inverses of the Cholesky factors of the correlations between buoys in the middle of a
+            step, of the current's and of the wind's errors, (steps, 2, buoys, buoys), flat.
         places: lon, lat of each buoy at the begin of a step [binary angle], (steps, buoys, 2), flat.
         numbers: sizes and scales.
         row: of this step in the tables.
@@ -174,6 +194,8 @@ def share_errors(
         which = scenario[i] * numbers.members
         if numbers.members > 1:
             which += member[i]
+        apart = 2 * states  # row of the first distance
+        _measure(z, old, apart, n, i, lon[i], lat[i], buoys, places, row, numbers.ahead)
         # deviations at the begin, then those at the end, each with weight one half
         for k in range(6):
             shared[k * n + i] = 0.0
@@ -184,10 +206,10 @@ def share_errors(
                     step,
                 )  # fmt: skip
             mean_at = ((row * (shift.shape[0] * numbers.members) + which) * 2 + half) * states * 2
-            _correlate(old, n, i, lon[i], lat[i], buoys, places, row, numbers.current_length)
+            _correlate(old, apart, n, i, buoys, numbers.current_length)
             used = ti.f32(0.0)
             for j in range(buoys):
-                a = _alpha(mixes, old, n, i, buoys, 2 * row, j)
+                a = _alpha(mixes, old, apart + buoys, n, i, buoys, 2 * row, j)
                 used += a * a
                 bias_at = (1 + numbers.windy) * buoys + j
                 for c in range(2):
@@ -200,10 +222,10 @@ def share_errors(
             shared[OWN_CURRENT * n + i] = ti.sqrt(ti.max(1.0 - used, 0.0))
             shared[OWN_WIND * n + i] = 1.0
             if numbers.windy == 1:
-                _correlate(old, n, i, lon[i], lat[i], buoys, places, row, numbers.wind_length)
+                _correlate(old, apart, n, i, buoys, numbers.wind_length)
                 used = 0.0
                 for j in range(buoys):
-                    a = _alpha(mixes, old, n, i, buoys, 2 * row + 1, j)
+                    a = _alpha(mixes, old, apart + buoys, n, i, buoys, 2 * row + 1, j)
                     used += a * a
                     for c in range(2):
                         u = means[mean_at + 2 * (buoys + j) + c] + z[(2 * (buoys + j) + c) * n + i]

@@ -66,7 +66,7 @@ LONG = "x" * 100_000
         ('"raft"', '""', "'' must be one line of letters"),
         ('"raft"', '"ra\\u0000ft"', "must be one line of letters"),
         ('"PIW-1"', f'"{LONG}"', 'or "water" for a pure water drifter'),
-        ("particles", LONG, "(100,003 letters) Allowed: title"),
+        ("particles", LONG, "(100,003 letters) allowed: title"),
         ('"1 h"\npart', f'"1 {LONG}"\npart', "has 100,002 letters, too many for a duration"),
         (
             '"60 00N 000 00E"',

@@ -17,6 +17,7 @@ from drift.forecast import coastal
 from drift.forecast.build import Contour
 from drift.forecast.products import layers, report
 from drift.products.maps import chart
+from geo import sphere
 
 SHARES = (0.5, 0.75, 0.95)
 # 1: half ashore, of the 50 % area; 2: of the 75 % area; 3: of the 95 % area; 4: beyond; 5: of the
@@ -151,3 +152,32 @@ def test_the_report_tells_each_area_of_the_coast_at_its_times():
     assert min(lon) < -179.9
     assert max(lon) > 179.9
     assert max(map(abs, lon)) <= 180
+
+
+def test_the_length_of_coast_is_that_of_its_cells_and_a_slanting_one_is_no_longer():
+    east = np.zeros((7, 20), int)
+    east[3, 2:18] = 1  # 15 steps of 0.02 deg along 40.03 N
+    geod = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
+    expected = geod.inv(10.04, 40.03, 10.34, 40.03)[2]
+    assert coastal.coast_length(at(cells=east), 0.5) == pytest.approx(expected, rel=1e-3)
+    assert coastal.coast_length(at(cells=np.zeros((3, 3), int)), 0.5) == 0
+    slanting = np.zeros((20, 20), int)
+    for k in range(18):  # a staircase from corner to corner
+        slanting[k, k : k + 2] = 1
+    expected = geod.inv(10.0, 40.0, 10.36, 40.17)[2]
+    assert coastal.coast_length(at(cells=slanting), 0.5) == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize(("cell", "told"), [(1, True), (5, False)])
+def test_where_most_of_an_area_is_ashore_it_is_of_the_coast(cell, told):
+    cells = np.zeros((3, 4), int)
+    cells[1, 1:3] = cell  # 60 or 40 % of it ashore
+    assert coastal.mostly_on_coast(at(cells=cells), 0.5) == told
+
+
+def test_the_shading_is_pale_at_times_when_more_is_ashore_than_adrift():
+    share = [[0.8, 0.2], [0.4, 0.6], [0.1, 0.3]]
+    data = xr.Dataset(
+        {"status_probability": (("time", "status"), share)}, {"status": ["adrift", "ashore"]}
+    )
+    assert report._mostly_ashore(data) == [False, True, True]

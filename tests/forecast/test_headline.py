@@ -1,5 +1,7 @@
 """The sentences on top of the report, of clouds whose densest place is known."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -80,4 +82,5 @@ def test_it_tells_what_is_ashore_and_where_if_that_is_most() -> None:
     found = words(9.96, 57.6, ashore=0.6)
     assert " most likely ashore near 57-3" in found
     assert "(near Hirtshals)" in found
+    assert re.search(r"An area of \S+ nmi², with about \S+ nmi of coast, holds 50 %", found)
     assert found.endswith("60.0 % is ashore.")

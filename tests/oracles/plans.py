@@ -3,6 +3,7 @@ noise is small.
 """
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,12 +50,19 @@ FEW_TRIALS = {
 }
 
 
-@pytest.fixture(scope="module")
-def few_trials() -> Iterator[None]:
-    """Plans after few trials, in a whole file of tests."""
+@contextmanager
+def after_few_trials() -> Iterator[None]:
+    """Plan after few trials."""
     with pytest.MonkeyPatch.context() as patch:
         for name, number in FEW_TRIALS.items():
             patch.setattr(optimiser, name, number)
+        yield
+
+
+@pytest.fixture(scope="module")
+def few_trials() -> Iterator[None]:
+    """Plans after few trials, in a whole file of tests."""
+    with after_few_trials():
         yield
 
 

@@ -8,7 +8,7 @@ from drift.case import expect
 from drift.forecast.products import tables
 from drift.products.files import formats
 
-# in test_case_oracles.py; test_cases.py runs the others
+# in test_case_oracles.py and test_case_searches.py; test_cases.py runs the others
 COMPARED = ("overdue_boat", "norkyst_raft", "overdue_yacht")
 
 

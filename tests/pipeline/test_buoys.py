@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from buoys import conditioned
 
 from drift.case import file as case_file
@@ -12,6 +13,7 @@ from drift.engine.motion import simulate
 from drift.engine.motion.buoy_errors import Fixes, Law, correlation
 from drift.pipeline import run_setup
 from geo import sphere
+from geo.errors import UserError
 from kernels.runtime import runtime
 
 HOUR = 3600.0
@@ -58,7 +60,7 @@ def moved(folder: Path, more: str, **keys: Any) -> tuple[Any, np.ndarray]:
     """Return the start of a case's run, moved to its end, and its places there [m], (n, 2)."""
     words = {"hours": 16, "particles": N, "step": "15 min", **keys}
     path = folder / "case.toml"
-    path.write_text(CASE.format(more=more, **words))
+    path.write_text(words.pop("text", CASE).format(more=more, **words))
     case = case_file.load(path)
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
@@ -142,3 +144,105 @@ def compare(own: np.ndarray, other: np.ndarray) -> None:
         one, two = a[:, i] * a[:, j], b[:, i] * b[:, j]
         error = np.hypot(one.std(), two.std()) / np.sqrt(len(own))
         assert abs(one.mean() - two.mean()) < 3.5 * error, (i, j)
+
+
+THREE = """members = [{ constant = { speed = "0.4 kn", toward = 61 } }, { constant = { speed = "0.7 kn", toward = 40 } },
+ { constant = { speed = "0.3 kn", toward = 200 } }]"""
+
+
+def velocity(knots: float, toward: float) -> np.ndarray:
+    """Return (east, north) [m/s]."""
+    return knots * 1852 / 3600 * np.array([np.sin(np.radians(toward)), np.cos(np.radians(toward))])
+
+
+def likelihoods(time: np.ndarray, own: np.ndarray, currents: list[np.ndarray]) -> np.ndarray:
+    """Return the log likelihoods of a track whose velocity is `own` under constant currents."""
+    fresh = np.diff(time, prepend=-np.inf) > 6 * HOUR
+    begin = np.maximum.accumulate(np.where(fresh, time, 0))
+    excess = np.stack([np.outer(time - begin, own - current) for current in currents])
+    fixes = Fixes(time, fresh, excess, ERROR, 0.0)
+    one = np.ones((1, 1))
+    return conditioned(LAW, (one, one), np.zeros(1), np.array([ERROR]), [fixes], time)[2]
+
+
+def shares(begin: Any, column: np.ndarray) -> np.ndarray:
+    """Return the probability of each number of a column."""
+    weight = np.exp(begin.ensemble.log_weight.to_numpy().astype(float))
+    total = np.bincount(column, weight)
+    return total / total.sum()
+
+
+def test_members_are_weighted_by_the_track(tmp_path: Path) -> None:
+    """In two stretches."""
+    currents = [velocity(0.4, 61), velocity(0.7, 40), velocity(0.3, 200)]
+    time, own = np.append(np.arange(2, 5.01, 0.5), [12.0, 12.5, 14]) * HOUR, np.array([0.24, 0.2])
+    write_track(tmp_path, "buoy", time, *(AWAY + np.outer(time, own)).T)
+    more = BUOY.format("buoy")
+    text = CASE.replace(
+        'constant = {{ speed = "0.4 kn", toward = 61 }}',
+        THREE.replace("{", "{{").replace("}", "}}"),
+    )
+    begin, _ = moved(tmp_path, more, text=text, particles=3000)
+    found = shares(begin, begin.ensemble.own["member"].to_numpy())
+    log = likelihoods(time, own, currents)
+    expected_shares = np.exp(log - log.max()) / np.exp(log - log.max()).sum()
+    assert expected_shares[1] < 0.9
+    np.testing.assert_allclose(found, expected_shares, atol=2e-4)  # of places in 1e-8 degrees
+
+
+def test_scenarios_with_currents_of_their_own_are_weighted_by_the_track(tmp_path: Path) -> None:
+    """Their prior weights are 0.8 and 0.2."""
+    time, own = np.arange(0, 5.01, 1.0) * HOUR, np.array([0.05, 0.1])
+    write_track(tmp_path, "buoy", time, *(AWAY + np.outer(time, own)).T)
+    text = CASE.replace(
+        "[uncertainty]",
+        '[[current]]\nname = "other"\nconstant = {{ speed = "0.5 kn", toward = 350 }}\n[uncertainty]',
+    )
+    text = text.replace('name = "raft"', 'name = "raft"\ncurrents = ["current 1"]\nweight = 0.8')
+    more = (
+        BUOY.format("buoy")
+        + """
+[[scenario]]
+name = "elsewhere"
+object = "water"
+weight = 0.2
+currents = ["other"]
+position = { at = [179.95, 0.02], std = "1.5 km" }
+"""
+    )
+    begin, _ = moved(tmp_path, more, text=text, particles=3000)
+    log = likelihoods(time, own, [velocity(0.4, 61), velocity(0.5, 350)])
+    weight = np.array([0.8, 0.2]) * np.exp(log - log.max())
+    found = shares(begin, begin.ensemble.scenario.to_numpy())
+    np.testing.assert_allclose(found, weight / weight.sum(), atol=2e-4)
+
+
+def test_a_buoy_where_the_domain_cuts_the_forcing_off_is_rejected(tmp_path: Path) -> None:
+    """The message's remedy, a wider domain, works."""
+    time = np.arange(0, 5.01, 1.0) * HOUR
+    write_track(tmp_path, "buoy", time, 0 * time, 150_000 + 0.1 * time)
+    lon, lat = np.arange(178.0, 182.01, 0.1), np.arange(-1.5, 1.51, 0.1)
+    hours = np.datetime64("2026-03-05T00:00:00", "ns") + np.arange(0, 25, 3) * np.timedelta64(
+        1, "h"
+    )
+    field = np.full((hours.size, lat.size, lon.size), 0.1, np.float32)
+    names = {"uo": "eastward_sea_water_velocity", "vo": "northward_sea_water_velocity"}
+    xr.Dataset(
+        {
+            key: (("time", "lat", "lon"), field, {"standard_name": name, "units": "m s-1"})
+            for key, name in names.items()
+        },
+        {
+            "time": hours,
+            "lat": ("lat", lat, {"units": "degrees_north", "standard_name": "latitude"}),
+            "lon": ("lon", lon, {"units": "degrees_east", "standard_name": "longitude"}),
+        },
+    ).to_netcdf(tmp_path / "current.nc")
+    narrow = "domain = {{ west = 179.2, south = -0.3, east = -179.2, north = 0.3 }}\n"
+    text = narrow + CASE.replace(
+        'constant = {{ speed = "0.4 kn", toward = 61 }}', 'files = ["current.nc"]'
+    )
+    with pytest.raises(UserError, match=r'drifter "buoy": no two of its fixes .* widen \[domain\]'):
+        moved(tmp_path, BUOY.format("buoy"), text=text, particles=500)
+    wide = text.replace("south = -0.3", "south = -1").replace("north = 0.3", "north = 1.45")
+    moved(tmp_path, BUOY.format("buoy"), text=wide, particles=500)

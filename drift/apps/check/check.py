@@ -9,6 +9,7 @@ import numpy as np
 
 from drift.apps.check import outlook, voyage
 from drift.case.record import Case
+from drift.engine.motion.buoys import BuoyTrack
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter import contacts
 from drift.evidence.filter.records import Barrier, Contact, Field, Line, Look, Presence, Sortie
@@ -183,6 +184,7 @@ def _scenario(scenario: Scenario, dry: float) -> str:
     own = scenario.itinerary
     adrift = f"{scenario.object.name}: {scenario.object.description}"
     text = f"{_weight(scenario.weight)}, {adrift if own is None else voyage.itinerary_in_words(own, adrift)}"
+    text += _around(scenario.prior)
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
     if dry > 0:
@@ -192,6 +194,19 @@ def _scenario(scenario: Scenario, dry: float) -> str:
     return text
 
 
+def _around(prior: Any) -> str:
+    """Return the reported position of a prior and its error as text; "" without such a position."""
+    if prior is None or prior.reported is None:
+        return ""
+    place = notation.stated_position(*prior.reported)
+    axes = [getattr(prior, name, 0.0) for name in ("major", "minor")]
+    if axes[0] != axes[1]:
+        along, across = (notation.number(axis / NMI, 3) for axis in axes)
+        return f"; from {place}, standard deviations {along} x {across} nmi"
+    radius = notation.number(axes[0] * math.sqrt(2 * math.log(2)) / NMI, 3)
+    return f"; from {place}" + (f", 50 % within {radius} nmi" if axes[0] > 0 else "")
+
+
 def _weight(weight: float) -> str:
     """Return a weight in percent: as stated, or to three digits if the case states it otherwise."""
     return f"{notation.number(100 * weight, 3)} %"
@@ -199,7 +214,8 @@ def _weight(weight: float) -> str:
 
 def _search(case: Case) -> dict[str, str]:
     """Describe sorties, contacts, sensors, and the units or arrays that a plan may use."""
-    lines = {f'sortie "{sortie.name}"': _sortie(sortie) for sortie in case.sorties}
+    lines = {f'drifter "{own.name}"': _drifter(own) for own in case.drifters}
+    lines |= {f'sortie "{sortie.name}"': _sortie(sortie) for sortie in case.sorties}
     for contact in case.contacts:
         doubt = f"belief {notation.number(contact.belief)}"
         if contact.false_density > 0:
@@ -255,7 +271,7 @@ def _tow(tow: Tow) -> str:
 def _extent(area: Area) -> str:
     """Return the corners of an area as text."""
     return " - ".join(
-        f"{notation.stated_position(*corner)}" for corner in zip(area.lon, area.lat, strict=True)
+        f"{notation.position(*corner)}" for corner in zip(area.lon, area.lat, strict=True)
     )
 
 
@@ -300,7 +316,9 @@ def _named_sensor(sensor: Sensor) -> str:
     if isinstance(sees, Sonar):
         many = len(sees.gain.beams)
         beams = f", {many} beams" if many > 1 else ""
-        kind = f"sonar{beams}, losses {sees.losses.name} to {notation.number(sees.losses.range[-1] / NMI)} nmi"
+        kind = (
+            f"sonar{beams}, transmission loss to {notation.number(sees.losses.range[-1] / NMI)} nmi"
+        )
     else:
         kind = f"POD {sees.name}, {'by place' if sees.range is None else f'to {notation.number(sees.range[-1] / NMI)} nmi'}"
     where = (
@@ -339,6 +357,19 @@ def _field(field: Field) -> str:
     if field.radius > 0:
         return f"{notation.number(field.radius / NMI)} nmi about {notation.stated_position(field.lon, field.lat)}"
     return f"{notation.number(field.width / NMI)} by {notation.number(field.height / NMI)} nmi about {notation.stated_position(field.lon, field.lat)}"
+
+
+def _drifter(own: BuoyTrack) -> str:
+    """Describe a drifting buoy: its fixes, and what was left out of them."""
+    first, last = (
+        notation.format_dtg(np.datetime64(int(t), "s")) for t in (own.time[0], own.time[-1])
+    )
+    facts = [
+        f"{own.time.size} fixes, {first} to {last}, {(~own.fresh).sum()} displacements",
+        f"windage {notation.percent(own.windage)}, fixes right to {notation.number(own.error)} m",
+        *own.notes,
+    ]
+    return ", ".join(facts)
 
 
 def _sortie(sortie: Sortie) -> str:
@@ -403,7 +434,8 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
         "spill": f"{low:,}{f' to {high:,}' if high > low else ''} objects, "
         f"{spill.worlds:,} worlds of {spill.per_world:,} particles; "
         + _destroyed(*spill.destroyed),
-        "released": f"{notation.format_dtg(spill.prior.release_start)} to {notation.format_dtg(spill.prior.release_end)}",
+        "released": f"{notation.format_dtg(spill.prior.release_start)} to {notation.format_dtg(spill.prior.release_end)}"
+        + _around(spill.prior),
         "biases": f"windage a factor of {notation.number(math.exp(spill.windage_bias))}, current {notation.number(spill.current_bias)} m/s, "
         f"reporting a factor of {notation.number(math.exp(spill.reporting_bias))} (one standard deviation)",
         "reports": f"{rates}; other coast: {spill.reporting.coast}; removed {notation.number(86_400 * spill.reporting.removal)} a day",
@@ -425,9 +457,10 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
             f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
         )
     for team in spill.teams:
+        base = f", from {notation.stated_position(*team.base)}" if team.base else ""
         many = f"{len(team.times)} patrol{'s' * (len(team.times) > 1)} from {notation.format_dtg(team.times[0])}"
         lines[f'patrol_unit "{team.name}"'] = (
-            f"{many}, {notation.number(team.length / 1000)} km a day, finds {notation.hundredths(team.detection)} %"
+            f"{many}{base}, {notation.number(team.length / 1000)} km a day, finds {notation.hundredths(team.detection)} %"
         )
     return lines
 

@@ -92,8 +92,10 @@ def _way(phase: Ways) -> str:
     begin = f"from {_time(phase.start, phase.after)}"
     if phase.lanes is not None:
         nodes, along = phase.lanes.route.node, phase.lanes.route.along[-1]
+        between = len(nodes) - 2
+        by = f"by {between} node{'s' * (between != 1)}, " if between else ""
         return (
-            f"lanes from {nodes[0]} to {nodes[-1]} by {len(nodes) - 2} nodes, {along / NMI:,.0f} nmi, {begin}, at "
+            f"lanes from {nodes[0]} to {nodes[-1]} {by}{along / NMI:,.0f} nmi, {begin}, at "
             f"{_speed(phase.speed)}"
         )
     if phase.points[-1].time is None and not phase.destinations:

@@ -6,7 +6,7 @@ from typing import Any
 
 from drift.apps.cli.answer import Answer
 
-FORMATS = ("kml", "kmz", "gpx", "geojson", "geotiff", "rtz", "gif")
+FORMATS = ("kml", "kmz", "gpx", "geojson", "geotiff", "rtz", "gif", "sitrep")
 
 
 def add(commands: Any) -> argparse.ArgumentParser:

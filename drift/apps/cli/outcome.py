@@ -93,7 +93,7 @@ def _listed_areas(areas: dict[str, float]) -> str:
 def _areas(output: dict[str, Any]) -> Facts:
     """Return the containment areas of an output as text, by their shares."""
     return {
-        share: f"{area:,.0f} nmi2" if area == area else "none"
+        share: f"{_rounded(area)} nmi2" if area == area else "none"
         for share, area in output["area_nmi2"].items()
     }
 
@@ -101,6 +101,11 @@ def _areas(output: dict[str, Any]) -> Facts:
 def _opened(numbers: dict[str, Any]) -> dict[str, Any]:
     """Return the output that the map and the report show when they are opened."""
     return next(output for output in numbers["outputs"] if output["time"] == numbers["opens"])
+
+
+def _rounded(area: float) -> str:
+    """Return an area in whole units, or to three digits below ten: a stretch of coast is small."""
+    return f"{area:,.0f}" if area >= 10 else f"{area:.3g}"
 
 
 def _opening(numbers: dict[str, Any]) -> Facts:

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from drift.apps.export import animation, finished, gis, globe, plotter, raster, routes
+from drift.apps.export import animation, finished, gis, globe, messages, plotter, raster, routes
 from drift.apps.export.finished import Finished, Release
 from drift.products.files import publication, writer
 from geo.errors import UserError
@@ -17,6 +17,7 @@ FORMATS: Mapping[str, Callable[[Finished], dict[str, bytes]]] = {
     "geotiff": raster.files,
     "rtz": routes.files,
     "gif": animation.files,
+    "sitrep": messages.files,
 }
 # Formats for results of `drift origin`.
 OF_RELEASE: Mapping[str, Callable[[Release], dict[str, bytes]]] = {
@@ -31,17 +32,17 @@ def export(
     format: str,
     out: str | os.PathLike[str] | None = None,
     *,
-    times: Sequence[str] = (),
+    times: str | Sequence[str] = (),
     overwrite: bool = False,
 ) -> list[Path]:
     """Write a finished run in a format of other programs.
 
     Args:
         folder: complete results of `run`, `plan` or `origin` (see `results`).
-        format: "kml", "kmz", "gpx", "geojson", "geotiff", "rtz" (of plans) or "gif"; of an origin
+        format: "kml", "kmz", "gpx", "geojson", "geotiff", "rtz" (of plans), "gif" or "sitrep"; of an origin
             "kml", "gpx" or "geojson".
         out: a folder; None: FOLDER-FORMAT in the current one.
-        times: outputs to export, such as ["+12 h", "221200ZNOV26"]; () for all.
+        times: outputs to export, such as "+12 h" or ["+12 h", "221200ZNOV26"]; () for all.
         overwrite: whether an earlier export in `out` is replaced.
 
     Returns:
@@ -56,7 +57,7 @@ def export(
     folder = Path(folder)
     target = Path(out) if out is not None else Path(f"{folder.resolve().name}-{format}")
     publication.check(target, overwrite)
-    run = finished.open_result(folder, times)
+    run = finished.open_result(folder, [times] if isinstance(times, str) else times)
     contents_by_name = _format_files(run, format)
     publication.check(target, overwrite, contents_by_name)
 

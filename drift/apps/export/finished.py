@@ -291,7 +291,7 @@ def open_result(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Fi
     if "forecast.nc" not in names and {"origin.nc", "origin.geojson"} <= names:
         if times:
             raise UserError(
-                f"results {folder}: come from drift origin, which has no output times; remove --time"
+                f"results {folder}: come from drift origin, which has no output times; remove --time TIME"
             )
         data = checked.dataset(folder / "origin.nc", ["probability", "prior"], {"time": ("time",)})
         return Release(folder, names, data)
@@ -320,13 +320,13 @@ def _chosen(outputs: Any, times: Sequence[str]) -> list[int]:
         try:
             time = units.resolve(units.time(text), outputs[0].astype("datetime64[s]"))
         except ValueError as error:
-            raise UserError(f"--time: {error}") from None
+            raise UserError(f"--time TIME: {error}") from None
         # a date-time group has no seconds
         found = np.flatnonzero(minutes == time.astype("datetime64[m]")).tolist()
         if not found:
             ends = f"{notation.format_dtg(outputs[0])} to {notation.format_dtg(outputs[-1])}"
             raise UserError(
-                f'--time "{text}": there is no output in that minute; outputs go from {ends}, '
+                f'--time TIME: there is no output in the minute of "{text}"; outputs go from {ends}, '
                 "see track.csv"
             )
         wanted.update(found)

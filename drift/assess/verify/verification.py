@@ -50,7 +50,7 @@ BINS = 10  # of a histogram of ranks
 DAY = 86_400.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verification:
     """Scores of n forecasts of drifters at m times.
 
@@ -85,6 +85,14 @@ class Verification:
     error: float  # [m] of the starts
     notes: tuple[str, ...]
     left_out: Mapping[str, int]  # number of starts that were left out, by reason
+
+    def __repr__(self) -> str:
+        """Return the title and the figures, as the terminal shows them."""
+        from drift.assess.verify import text  # imported here because it imports this module
+
+        facts = text.verification_facts(self)
+        lines = [f"  {name}: {words}" for name, words in facts.items()]
+        return "\n".join([f'<drift.Verification "{self.case.title}"', *lines]) + ">"
 
     @property
     def shares(self) -> tuple[float, ...]:

@@ -17,8 +17,9 @@ ONSET, LOSS, COOLING, WARMTH = 15.0, 7.2, 0.0785, 0.0034  # [min], [degC], [degC
 # people and sea states vary widely.
 SPREAD = 2.0
 OTHERS = (
-    "we know of no formula with its numbers for other clothing (survival suits: 2 to 10 times as long by the National "
-    "Search and Rescue Manual, JP 3-50, chapter 4) or for a raft; give median and spread instead"
+    "a formula with its numbers is known for light clothing only. For other clothing or a raft give "
+    "median and spread instead (survival suits: 2 to 10 times as long, National Search and Rescue "
+    "Manual, JP 3-50, chapter 4)"
 )
 CLOTHING = ("light",)
 

@@ -174,7 +174,7 @@ class BySensorTable(fields.Table):
         sensor = sonar.sensor_named(self.sensor, run)
         if sensor.place is not None and (self.from_ is not None or self.heading is not None):
             raise ValueError(
-                f'sensor "{sensor.name}" has a fixed position (at in its table); leave from and heading out here'
+                f'sensor "{sensor.name}" has a fixed position (`at` in its table); leave out `from` and `heading` here'
             )
         if sensor.place is None and self.from_ is None:
             raise ValueError(

@@ -368,7 +368,7 @@ class SortieTable(SensorTable):
         many, named = len(legs.searching), self.transit_legs
         if not named or min(named) < 1 or max(named) > many or len(set(named)) == many:
             raise ValueError(
-                f"transit_legs {named} must be numbers of some of its {many} legs, from 1, not of all"
+                f"transit_legs {named} must list some of its {many} legs by number, from 1, and not all of them"
             )
         return replace(legs, searching=tuple(k + 1 not in named for k in range(many)))
 
@@ -454,7 +454,7 @@ class SortieTable(SensorTable):
             assert self.speed is not None
             raise ValueError(
                 f"{size / NMI**2:.3g} nmi2 at a spacing of {self.spacing / NMI:.3g} nmi take "
-                f"{track_table.hours(takes)} at {self.speed / KNOT:.3g} kn, from start to end are "
+                f"{track_table.hours(takes)} at {self.speed / KNOT:.3g} kn, but start to end is "
                 f"{track_table.hours(duration)}; change one of these, or give completed"
             )
         return tuple(width / self.spacing for width in widths)

@@ -82,7 +82,7 @@ def completed_share(legs: Legs, completed: float, until: float | None) -> Legs:
         takes, has = done.time[-1] - done.time[0], until - done.time[0]
         length = float(polyline.lengths(done).sum()) / NMI
         raise ValueError(
-            f"{length:.3g} nmi of legs take {hours(takes)}, from start to end are {hours(has)}; "
+            f"{length:.3g} nmi of legs take {hours(takes)}, but start to end is {hours(has)}; "
             "change end, speed or the legs, or give completed or actual"
         )
     return polyline.legs_between(done, done.time[0], until)

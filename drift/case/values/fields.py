@@ -26,6 +26,9 @@ from drift.case.values import units
 # a direction with its reference: true (T) or magnetic (M) north
 NORTH = re.compile(r"([\d.]+)\s*°?\s*([TM])(?:RUE|AG\.?|AGNETIC)?", re.IGNORECASE)
 
+# 16 points of the compass, clockwise from north
+COMPASS = "N NNE NE ENE E ESE SE SSE S SSW SW WSW W WNW NW NNW"
+
 
 class Table(BaseModel):
     """A table of the case file: frozen, without unknown keys."""
@@ -85,7 +88,8 @@ class Table(BaseModel):
             if tables
         }
         wrong += [
-            f'unknown key "{key}"; {hint}Allowed: {", ".join(known)}' for key, hint in hints.items()
+            f'unknown key "{key}"; {hint}{"A" if hint else "a"}llowed: {", ".join(known)}'
+            for key, hint in hints.items()
         ]
         meant = {near[0] for near in unknown.values() if near}
         other: list[InitErrorDetails] = []
@@ -206,6 +210,10 @@ def direction(value: object) -> float:
         if said[2].upper() == "M":
             raise ValueError(f'"{value}" is magnetic; directions are true: add the variation')
         value = said[1]
+    points = COMPASS.split()
+    if isinstance(value, str) and value.strip().upper() in points:
+        degrees = 22.5 * points.index(value.strip().upper())
+        raise ValueError(f'"{value}" is not a direction in degrees; write {degrees:g}')
     degrees = units.quantity(value, "deg", "direction", "120 deg")
     if not 0 <= degrees <= 360:
         raise ValueError(f"direction {value!r} must be 0 to 360 degrees clockwise from true north")

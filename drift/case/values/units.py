@@ -229,7 +229,9 @@ def angle(value: object, letters: str) -> float:
     if isinstance(value, int | float):
         # A bare longitude may be up to 360, as in many model files.
         if not (-limit <= value <= limit or (letters == "EW" and 180 < value <= 360)):
-            raise ValueError(f"{what} {value!r} is outside {-limit:g} to {limit:g}")
+            raise ValueError(
+                f"{what} {value!r} is outside {-limit:g} to {360 if letters == 'EW' else limit:g}"
+            )
         return sphere.wrap_degrees(value) if abs(value) > 180 else float(value)
     match = ANGLE.fullmatch(str(value).strip().upper().replace("º", "°").replace("’", "'"))
     if (

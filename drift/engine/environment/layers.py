@@ -20,6 +20,7 @@ from matplotlib.path import Path as Outline
 
 from drift.engine.environment import corridors
 from drift.engine.environment.ambient import Flow
+from drift.engine.motion.buoys import BuoyTrack
 from drift.engine.motion.scenario import Scenario
 from drift.engine.motion.steering import family
 from drift.engine.motion.steering import lanes as network_of
@@ -48,6 +49,13 @@ TRACKER: dict[str, Any] = {
     "marker": ">",
     "markevery": [-1],
     "markersize": 6,
+}
+BUOY: dict[str, Any] = {
+    "color": "#b35900",
+    "linewidth": 1.4,
+    "marker": "D",
+    "markevery": [-1],
+    "markersize": 4.5,
 }
 AREA: dict[str, Any] = {"color": "#7a1f6b", "linewidth": 1.5, "linestyle": (0, (6, 2))}
 WAY_COLOURS = ("#1b5e20", "#00838f", "#5d4037", "#9e7b00", "#b0306a")
@@ -155,7 +163,7 @@ def key(areas: bool = True) -> list[tuple[Any, str]]:
             Line2D([], [], color=INK, linewidth=0.7, marker="o", markersize=2.6),
             "Lane; an arrow where it is one-way",
         ),
-        (Patch(facecolor=WASH, alpha=0.75), "Its corridor, joints included"),
+        (Patch(facecolor=WASH, alpha=0.75), "Its corridor"),
     ]
     return [*rows, (Line2D([], [], **AREA), "Area of patrol")] if areas else rows
 
@@ -202,6 +210,24 @@ def flows(found: Mapping[str, Flow], time: np.datetime64) -> Overlay:
                 )
             )
     return Overlay(draw, {}, rows)
+
+
+def buoy_tracks(buoys: Sequence[BuoyTrack], time: np.datetime64) -> Overlay:
+    """Return the tracks of drifting buoys until a time as a chart layer."""
+    moment = notation.epoch(time)
+    shown = [(own, own.time <= moment) for own in buoys if own.time[0] <= moment]
+
+    def draw(ax: Axes, frame: Frame) -> None:
+        for own, seen in shown:
+            x, y = frame.project(own.lon[seen], own.lat[seen])
+            ax.plot(x, y, zorder=6.8, **BUOY)
+
+    names = [(float(own.lon[seen][-1]), float(own.lat[seen][-1]), own.name) for own, seen in shown]
+    places = {
+        f"drifter {own.name}": [np.stack([own.lon[seen], own.lat[seen]], -1)] for own, seen in shown
+    }
+    rows = [(Line2D([], [], **BUOY), "Drifting buoy, and where it was seen last")] if shown else []
+    return Overlay(draw, places, rows, names)
 
 
 def _some(flow: Flow) -> Array:

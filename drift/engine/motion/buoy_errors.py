@@ -121,7 +121,7 @@ def condition(
     Args:
         law: the prior.
         edges: times of the steps [s after the run's start], ascending, (steps + 1,).
-        factors: Cholesky factors of the correlations between the buoys at the begin of each step,
+        factors: Cholesky factors of the correlations between the buoys in the middle of each step,
             of the current's and of the wind's errors, (steps, m, m) each; no wind: None.
         buoys: their fixes; those outside of the steps' time must have been left out.
     """

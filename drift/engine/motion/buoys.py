@@ -55,34 +55,36 @@ def states(many: int, windy: bool, biased: bool) -> int:
     return many * (2 + int(windy) + int(biased))
 
 
-def column_names(many: int) -> list[str]:
-    """Return the names of the columns of deviations, of `many` states."""
-    return [f"buoy_state_{k}_{side}" for k in range(many) for side in ("east", "north")]
+def column_names(buoys: int, many: int) -> list[str]:
+    """Return the names of the columns of deviations, of `many` states, and of distances."""
+    states_of = [f"buoy_state_{k}_{side}" for k in range(many) for side in ("east", "north")]
+    return states_of + [f"buoy_distance_{k}" for k in range(buoys)]
 
 
-def columns(many: int) -> tuple[Column, ...]:
-    """Return the columns of particles that share the errors of buoys; none for 0 states."""
-    if not many:
+def columns(buoys: int, many: int) -> tuple[Column, ...]:
+    """Return the columns of particles that share the errors of buoys, of `many` states; none for no
+    buoys.
+    """
+    if not buoys:
         return ()
-    return (
-        *(
-            Column(name, np.float32, 0, "", "deviation of the errors at buoys from their mean", "buoys")
-            for name in column_names(many)
-        ),
-        *(
-            Column(
-                name,
-                np.float32,
-                float(name.startswith("own")),
-                "" if name.startswith("own") else "m/s",
-                "share of its own errors that is left"
-                if name.startswith("own")
-                else "error of this step that it shares with buoys",
-                "shared",
-            )
-            for name in kernel.SHARED
-        ),
-    )  # fmt: skip
+    found = []
+    for name in column_names(buoys, many):
+        far = name.startswith("buoy_distance")
+        meaning = (
+            "distance from a buoy at the begin of the last step"
+            if far
+            else "deviation of the errors at buoys from their mean"
+        )
+        found.append(Column(name, np.float32, 0, "m" if far else "", meaning, "buoys"))
+    for name in kernel.SHARED:
+        own = name.startswith("own")
+        meaning = (
+            "share of its own errors that is left"
+            if own
+            else "error of the last step that it shares with buoys"
+        )
+        found.append(Column(name, np.float32, float(own), "" if own else "m/s", meaning, "shared"))
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +97,7 @@ class Buoys:
         given: the errors given the fixes; its hypotheses are (scenario, member), member last.
         places: lon, lat of each buoy at the begin of each step [deg], (steps, m, 2).
         factors: Cholesky factors of the correlations between the buoys of the errors of current and
-            wind at the begin of each step, (steps, 2, m, m).
+            wind in the middle of each step, (steps, 2, m, m).
         numbers: of the steps.
         edges: times of the steps [s after the run's start], (steps + 1,).
         windy: whether a buoy feels errors of the wind.
@@ -142,7 +144,7 @@ class Sharer:
         self._buoys, self._ensemble = buoys, ensemble
         given, m = buoys.given, len(buoys.names)
         many = given.moves.shape[1]
-        names = column_names(many)
+        names = column_names(m, many)
         own = ensemble.own
         self._z, self._shared = rows.whole(own, names), rows.whole(own, kernel.SHARED)
         empty = np.zeros((1, many, many))
@@ -158,7 +160,7 @@ class Sharer:
             _padded(mixes, np.float32),
             _padded(np.stack([x, y], axis=-1), np.int32),
         )
-        self._old = runtime.empty(max(2 * many, m) * max(ensemble.n, 1))
+        self._old = runtime.empty(2 * (many + m) * max(ensemble.n, 1))
         self._member = own["member"] if buoys.members > 1 else runtime.upload(np.zeros(1, np.int32))
         law = buoys.law
         self._numbers = {
@@ -178,7 +180,10 @@ class Sharer:
     def write(self, step: Step) -> None:
         """Write the shared errors of the step that is about to be computed."""
         ensemble = self._ensemble
-        numbers = kernel.Numbers(**self._numbers, begins=int(step.elapsed == self._buoys.edges[0]))
+        row, lengths = self._buoys.rows[step.number], np.diff(self._buoys.edges)
+        # the distance in the middle of the step is extrapolated
+        ahead = 0.0 if row == 1 else 0.5 * lengths[row - 1] / lengths[row - 2]
+        numbers = kernel.Numbers(**self._numbers, begins=int(row == 1), ahead=float(ahead))
         shift = ensemble.batch(range(len(ensemble.numbers))).shift
         columns = (ensemble.scenario, ensemble.world, self._member, ensemble.lon, ensemble.lat)
         kernel.share_errors(
@@ -191,7 +196,7 @@ class Sharer:
             self._shared,
             *self._tables,
             numbers,
-            self._buoys.rows[step.number],
+            row,
             step.number,
             *noise.key(ensemble.seed),
         )

@@ -38,7 +38,8 @@ class EnsembleSpec:
     members: tuple[str, ...] = ()
     # finds of debris toward which particles are guided: drift.evidence.filter.debris.guide
     guiding: int = 0
-    buoy_states: int = 0  # states of the errors at buoys on scene: drift.engine.motion.buoys
+    # buoys on scene, and states of the errors at them: drift.engine.motion.buoys
+    buoys: tuple[int, int] = (0, 0)
 
     @property
     def story(self) -> str:

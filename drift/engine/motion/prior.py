@@ -62,7 +62,7 @@ def empty(spec: EnsembleSpec, own: Layout, *, still: bool = False) -> Ensemble:
         *(() if still else models.columns(spec.scenarios)),
         *((members.COLUMN,) if spec.members else ()),
     )
-    columns = (*columns, *guided.columns(spec.guiding), *buoys.columns(spec.buoy_states))
+    columns = (*columns, *guided.columns(spec.guiding), *buoys.columns(*spec.buoys))
     return record.empty(spec.seed, own, columns)
 
 

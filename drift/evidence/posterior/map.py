@@ -459,7 +459,7 @@ def _key(figure: Figure, top: float, left: float) -> None:
 def _subtitle(posteriors: Posteriors, stages: list[Stage]) -> str:
     """Return the line of text under the title: what is shown."""
     many = len(posteriors.stages) - 1
-    text = f"Posteriors besides position, before the first and after each of {many} update{'s' * (many != 1)}"
+    text = f"Posteriors besides position, before and after {f'each of {many} updates' if many != 1 else '1 update'}"
     if many == 0:
         text = "Posteriors besides position: no searches or observations yet"
     hidden = len(posteriors.stages) - len(stages)

@@ -19,7 +19,7 @@ from drift.evidence.filter.standing import SearchStatus
 from drift.evidence.filter.updates import Update
 from drift.evidence.suspend.alive import alive_at, seconds
 from drift.forecast.products import dataset
-from geo import sphere
+from geo import notation, sphere
 from geo.array import Array
 from geo.notation import NMI
 from geo.polyline import Area
@@ -233,7 +233,7 @@ def like_the_last(
     how = (
         f"{len(efforts)} sortie{'s' * (len(efforts) != 1)} of the last 24 h swept {total.max() / NMI**2:,.0f} nmi2: the "
         "same effort on each further day, as random search, placed ideally on the map of "
-        f"{np.datetime_as_string(times[k], 'm')}Z"
+        f"{notation.format_dtg(times[k])}"
         + (f"; {watches} watch{'es' * (watches != 1)} not counted" if watches else "")
     )
     return days(mass, swept, cells, living, standing.effective, until), how

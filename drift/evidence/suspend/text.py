@@ -29,7 +29,7 @@ def suspension_text(
         else "what is known"
     )
     intro = paragraph(
-        f"As of {notation.format_dtg(suspension.now)}, {what}. All of it is given that nothing has been found."
+        f"As of {notation.format_dtg(suspension.now)}, {what}. All figures assume that nothing has been found."
     )
     intro += paragraph("The decision is the coordinator's: this is not a recommendation.")
     sections = (
@@ -69,7 +69,7 @@ def missing_survival_warning(suspension: Suspension) -> list[str]:
     )
     if not (suspension.mortal and names):
         return []
-    return [f"{names} have no survival times: persons adrift there are assumed alive forever."]
+    return [f"no survival times for {names}: persons adrift there are assumed alive forever."]
 
 
 def give_or_take(value: float, error: float) -> str:

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from drift.forecast import mapped
 from drift.forecast import tracks as forecast_tracks
 from drift.forecast.build import Forecast
@@ -28,6 +30,8 @@ class ForecastOutputs:
         Callable[[Any], Any]
     ] = ()  # layers of other topics for the map: drift.products.maps.overlay.AtTime
     small: Sequence[Callable[[Any], Any]] = ()  # the same on the maps of all outputs
+    # the time that the report shows first; of a plan's failure map.png shows a later one
+    report_opens: np.datetime64 | None = None
 
 
 def _map(matter: ForecastOutputs, path: Path) -> None:
@@ -55,7 +59,7 @@ def _scenario_maps(matter: ForecastOutputs, path: Path) -> None:
 def _leaves(matter: ForecastOutputs) -> list[Any]:
     from drift.forecast.products import report
 
-    return report.forecast_leaves(matter.forecast, matter.tracks, matter.setting.opens)
+    return report.forecast_leaves(matter.forecast, matter.tracks, matter.report_opens)
 
 
 FILES: dict[str, Callable[[ForecastOutputs, Stamped], Contents]] = {

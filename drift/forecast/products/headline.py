@@ -5,7 +5,7 @@ ashore.
 import numpy as np
 import xarray as xr
 
-from drift.forecast import mapped
+from drift.forecast import coastal, mapped
 from drift.products.maps import gazetteer, labels
 from geo import notation
 from geo.notation import NMI, percent
@@ -27,12 +27,18 @@ def forecast_headline(data: xr.Dataset, opens: np.datetime64 | None) -> str:
         return f"At {when} nothing is on the map."
     afloat = at["status_probability"].sel(status="adrift").item()
     ashore = at["status_probability"].sel(status="ashore").item()
-    words = [f"At {when} it is most likely {_place(at, ashore > afloat)}."]
+    what = "an object" if "effective_worlds" in data else "it"  # of a spill there are many
+    words = [f"At {when} {what} is most likely {_place(at, ashore > afloat)}."]
     share = 0.5 if 0.5 in at["share"].values else float(at["share"].values[0])
     held = percent(share, 0)
     area = float(at["containment_area"].sel(share=share)) / NMI**2
     if np.isfinite(area):
-        words.append(f"An area of {labels.number(area)} nmi² holds {held} of the probability.")
+        size = f"{labels.number(area)} nmi²"
+        if coastal.mostly_on_coast(at, share):
+            size += (
+                f", with about {labels.number(coastal.coast_length(at, share) / NMI)} nmi of coast,"
+            )
+        words.append(f"An area of {size} holds {held} of the probability.")
     if ashore > MENTIONED:
         words.append(f"{percent(ashore)} is ashore.")
     return " ".join(words)

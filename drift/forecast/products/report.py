@@ -42,6 +42,7 @@ def forecast_leaves(
             tops,
             containment=data["containment"].values,
             shown=mapped.SHOWN,
+            pale=_mostly_ashore(data),
         ),
         leaves.shapes_leaf(
             "Areas",
@@ -91,19 +92,34 @@ def forecast_leaves(
     ]
 
 
+def _mostly_ashore(data: Any) -> list[bool]:
+    """Return at which times more is ashore than adrift; the map then shows the coast first."""
+    status = data["status_probability"]
+    more = status.sel(status="ashore") > status.sel(status="adrift")
+    return [bool(one) for one in more.values]
+
+
 def _on_coast(forecast: Forecast) -> list[Leaf]:
     """Return the coast inside each area by time, where outlines disappear under the shoreline."""
     data = forecast.data
     drawn = [
         geojson.feature(
-            geojson.lines([lines]), {"time": notation.iso(at["time"].values[()]), "level": share}
+            geojson.lines([lines]),
+            {
+                "time": notation.iso(at["time"].values[()]),
+                "level": share,
+                "coast_nmi": coastal.coast_length(at, share) / NMI,
+            },
         )
         for at in (data.isel(time=k) for k in range(data.sizes["time"]))
         for share, lines in sorted(
             coastal.coast_lines_by_share(at, forecast.shares).items(), reverse=True
         )
     ]
-    told = [("level", "Coast, of the area that holds", "share")]
+    told = [
+        ("level", "Coast, of the area that holds", "share"),
+        ("coast_nmi", "Its length, about, nmi", "number"),
+    ]
     # A spill reports stretches of coast instead.
     shown = "effective_worlds" not in data
     return (

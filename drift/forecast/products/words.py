@@ -125,4 +125,4 @@ def span(times: Sequence[Any], ends: Sequence[float]) -> str:
 def small_map_caption(ends: Sequence[float]) -> str:
     """Return a text that explains the numbers above a small map."""
     shares = " and ".join(notation.hundredths(share) for share in ends)
-    return f"areas that hold {shares} % (lines; bands on the coast), in nmi²"
+    return f"{shares} % areas in nmi² (on the coast: bands)"

@@ -111,6 +111,6 @@ def _check(mark: Mapping[str, str], own: Mapping[str, str]) -> None:
     for name, value in own.items():
         if mark[name] != value:
             raise UserError(
-                f"worker {process()}: {name} differs from the machine where the run was started ({value}, there {mark[name]}): "
-                "results would not be the same everywhere; let all workers see the same files, with the same versions on machines of one kind"
+                f"worker {process()}: {name} differs from the machine where the run was started ({value} here, {mark[name]} there), so "
+                "results could differ; give all workers the same files and versions, on machines of one kind"
             )

@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from drift.planning.arrays import placement_text
 from drift.planning.plans import PlanOutputs
 from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.report import leaves
+from drift.products.report.leaves import Leaf
+from geo import notation
 
 
 def _picture(matter: PlanOutputs, path: Path) -> None:
@@ -45,5 +48,32 @@ def chapter(matter: PlanOutputs) -> OutputBundle:
         {"arrays": placement_text.summary_of_placement(matter.plan)},
         bind_outputs(FILES, matter),
         bind_outputs(PICTURES, matter),
-        leaves=(lambda: [leaves.text_leaf("Towed arrays", file="arrays.txt")],),
+        leaves=(partial(_leaves, matter),),
     )
+
+
+def _leaves(matter: PlanOutputs) -> list[Leaf]:
+    """Return the plan's items of the report; the arrays' legs are in sorties.geojson."""
+    pod = notation.percent(matter.plan.pos)
+    until = notation.format_dtg(matter.plan.until)
+    return [
+        leaves.headline_leaf(
+            f"The planned arrays hear it by {until} with a probability of {pod} (POD)."
+        ),
+        leaves.shapes_leaf(
+            "Planned arrays",
+            "sorties.geojson",
+            "planned",
+            where={"kind": "sortie", "status": "planned", "shape": "legs"},
+            label="name",
+            told=[
+                ("start", "Begins", "time"),
+                ("end", "Ends", "time"),
+                ("poc", "POC", "share"),
+                ("pod", "POD", "share"),
+                ("pos", "POS", "share"),
+            ],
+            frame=True,
+        ),
+        leaves.text_leaf("Towed arrays", file="arrays.txt"),
+    ]

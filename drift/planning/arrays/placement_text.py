@@ -25,7 +25,7 @@ def _worth(plan: Any) -> str:
         return line + "; no useful upper bound is known"
     return (
         line
-        + f"; on {found.particles:,} of these no plan exceeds {notation.percent(found.value)}, and this plan has {notation.percent(found.plan)}"
+        + f"; no plan exceeds {notation.percent(found.value)} (bound on {found.particles:,} of these, where this plan has {notation.percent(found.plan)})"
     )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from drift.case.record import Case
 from drift.engine.particles.status import STRANDED
 from drift.evidence.filter.account import UpdateCallback
-from drift.evidence.filter.records import Unit
+from drift.evidence.filter.records import PlanSpec, Unit
 from drift.evidence.filter.updates import Updates
 from drift.forecast import effective, likeliest, mapped
 from drift.forecast.effective import Count
@@ -28,11 +28,12 @@ from drift.planning import plans
 from drift.planning.plans import Planner, Proposal
 from drift.planning.search import bound as bounds
 from drift.planning.search import follow, optimiser
-from drift.planning.search.boats import fleet
+from drift.planning.search.boats import daylight, fleet
 from drift.planning.search.bound import Bound
 from drift.planning.search.products import chapter, subareas
 from drift.planning.search.products import text as plan_text
 from drift.planning.search.records import Alternative, Plan, Tasking
+from geo import notation
 from geo.array import Array
 from geo.errors import UserError
 from geo.notation import format_dtg
@@ -186,12 +187,30 @@ def _rounds(job: Job) -> _Rounds:
             f"plan: no unit can search between {format_dtg(spec.begin)} and {format_dtg(spec.until)}: each needs time for its "
             "transit and some search before the end, in daylight if it is visual; give more time (until in [plan]), or "
             "units that are nearer or ready earlier"
+            + _night(units, spec)
             + "".join(f". {words}" for words in (boats.said if boats else ()))
         )
     made_on = Count(effective.number(tracks.weight), len(tracks.weight))
     return _Rounds(
         tasked, executed, seen, proposal.alternatives, bound, bound_number, made_on, boats.said
     )
+
+
+def _night(units: Sequence[Unit], spec: PlanSpec) -> str:
+    """Return the units that the plan's period leaves without daylight, as text; "" if none."""
+    begin, until = (float(notation.epoch(time)) for time in (spec.begin, spec.until))
+    dark = [
+        unit for unit in units if unit.daylight and not daylight.windows(begin, until, *unit.base)
+    ]
+    if not dark:
+        return ""
+    names = ", ".join(unit.name for unit in dark)
+    words = f". Night throughout for {names}: a unit searches by day unless it has daylight = false"
+    rises = daylight.windows(until, until + 86_400, *dark[0].base)
+    if rises:
+        sunrise = format_dtg(np.datetime64(round(rises[0][0]), "s"))
+        words += f"; next sunrise {sunrise}"
+    return words
 
 
 def _scored_plan(case: Case, rounds: _Rounds, result: Result) -> Plan:

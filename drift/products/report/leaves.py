@@ -36,6 +36,7 @@ def maps_leaf(
     *,
     containment: Array | None = None,
     shown: float = 1.0,
+    pale: Sequence[bool] | None = None,
 ) -> Leaf:
     """Return probability maps over time; the page shows one scenario at a time.
 
@@ -49,6 +50,7 @@ def maps_leaf(
         tops: density at the end of the colour scale of each time [1/m2].
         containment: smallest share whose area contains a cell, (t, nlat, nlon).
         shown: containment up to which cells are shaded.
+        pale: at which times the shading is pale, so that the coast stands out; None: never.
 
     Returns:
         The leaf.
@@ -73,6 +75,7 @@ def maps_leaf(
         if containment is None
         else packed.shares(packed.merge_by_minimum(containment, fold)),
         "shown": shown,
+        "pale": [False] * len(time) if pale is None else list(pale),
     }
 
 
@@ -264,9 +267,9 @@ def arrows_leaf(
     }
 
 
-def headline_leaf(words: str) -> Leaf:
-    """Return sentences for the top of the page."""
-    return {"leaf": "headline", "words": words}
+def headline_leaf(words: str, *, first: bool = False) -> Leaf:
+    """Return sentences for the top of the page; first: whether they come before all others."""
+    return {"leaf": "headline", "words": words, "first": first}
 
 
 def table_leaf(

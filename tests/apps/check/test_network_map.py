@@ -58,7 +58,7 @@ def test_corridors_are_drawn_where_particles_may_be(lon: float, lat: float) -> N
     assert [len(line) > 5 for line in overlay.places["the lanes"]] == [True, True]
     assert [text for _, text in overlay.key] == [
         "Lane; an arrow where it is one-way",
-        "Its corridor, joints included",
+        "Its corridor",
     ]
     (wash,) = (patch for patch in ax.patches if isinstance(patch, PathPatch))
     route = lanes.route(found, ["A", "B", "C"])

@@ -93,6 +93,7 @@ def lines(tmp_path_factory):
         ("wind wind 1", "12.34 kn from 240.25 then 0 kn then 0.05 kn from 007.5"),
         ('scenario "raft"', "12.5 %, windage: Windage 2.345 %"),
         ('scenario "box"', "Immersed to 62.5 %"),
+        ('scenario "raft"', "; from 60-10.255N 000-10.125W, 50 % within 1.2 nmi"),
         ('unit "lifeboat"', "from 60-10.255N 000-10.125W"),
         ('unit "lifeboat"', "1.255 h on scene, W 0.1234 nmi"),
     ],
@@ -111,5 +112,6 @@ def test_check_rounds_what_it_derives(tmp_path):
     assert lines["biases"].startswith(
         "windage a factor of 1.35, current 0.0875 m/s, reporting a factor of 1 "
     )
+    assert lines["released"].endswith("; from 53-40.0N 004-50.0E, 50 % within 3 nmi")
     assert "0.25 m/s over 1.667 h" in lines["errors"]
     assert "0.24 kn toward 090" in lines["current current 1"]

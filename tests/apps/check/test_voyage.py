@@ -3,22 +3,10 @@
 from pathlib import Path
 
 import pytest
+import trial_case
 
 from drift.apps.check import voyage
-from drift.case import file as case_file
 
-CASE = """
-title = "trial"
-start = "2026-03-05T00:00Z"
-duration = "60 h"
-[coast]
-source = "none"
-[[current]]
-constant = { speed = "0 kn", toward = 0 }
-[[scenario]]
-name = "one"
-object = "water"
-"""
 TOLD = {
     'position = { at = [-30.2, 45.1], std = "3 nmi" }\ndistress = { rate = "0.02/h" }\n[[scenario.phase]]\n'
     'course = { course = { low = 340, best = 5, high = 20, ratio = 4 }, speed = ["3 kn", "9 kn"], change = "7 h", for = "20 h" }\n'
@@ -46,8 +34,13 @@ TOLD = {
 
 @pytest.mark.parametrize("written", TOLD)
 def test_words_of_an_itinerary(written: str, tmp_path: Path) -> None:
-    path = tmp_path / "trial.toml"
-    path.write_text(f"{CASE}{written}\n")
-    itinerary = case_file.load(path).scenarios[0].itinerary
+    case = trial_case.load(
+        tmp_path,
+        written,
+        start="2026-03-05T00:00Z",
+        duration="60 h",
+        scenario={"position": None},
+    )
+    itinerary = case.scenarios[0].itinerary
     assert itinerary is not None
     assert voyage.itinerary_in_words(itinerary, "X") == TOLD[written]

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import trial_case
 from places import ROOT
 
 from drift.apps.cli import commands
@@ -21,18 +22,7 @@ OLD = Device(
 )
 SOFT = Device("vulkan", 0, "llvmpipe", "software", "llvmpipe Mesa 25.0.7", 24 * GIB, 20 * GIB)
 METAL = Listed("metal", (), "it is for macOS on Apple's own processors")
-CASE = """
-start = "2026-11-21T18:00Z"
-duration = "1 h"
-particles = 500
-output = { trajectories = 0 }
-coast = { source = "none" }
-current = [{ constant = { speed = "1 kn", toward = 90 } }]
-[[scenario]]
-name = "raft"
-object = "water"
-position = { at = "60 00N 000 00E", error = "1 nmi" }
-"""
+CASE = trial_case.text(duration="1 h", output={"trajectories": 0})
 
 
 @pytest.fixture

@@ -8,27 +8,18 @@ whatever the numbers drawn.
 import json
 
 import pytest
+import trial_case
 
 from drift.apps.cli import commands
 
-CASE = """
-start = "2026-11-21T18:00Z"
-duration = "1 h"
-particles = 1000
-output = { trajectories = 0 }
-coast = { source = "none" }
-current = [{ constant = { speed = "1 kn", toward = 90 } }]
-[[scenario]]
-name = "raft"
-object = "water"
-position = { at = "60 00N 000 00E", error = "1 nmi" }
-[expect]
-"""
-
 
 def run(tmp_path, expected: str, *options: str) -> int:
-    path = tmp_path / "expecting.toml"
-    path.write_text(CASE + expected)
+    path = trial_case.write(
+        tmp_path,
+        f"[expect]\n{expected}",
+        duration="2 h",
+        scenario={"position": {"at": "60 00N 000 00E", "std": "1 nmi"}},
+    )
     return commands.main(["run", str(path), "--out", str(tmp_path / "out"), *options])
 
 

@@ -111,5 +111,7 @@ def test_a_shoreline_that_is_gone_is_said_and_not_drawn(
 def test_a_format_that_is_not_known_is_refused_with_those_that_are(
     run: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(UserError, match="there are kml, kmz, gpx, geojson, geotiff, rtz, gif"):
+    with pytest.raises(
+        UserError, match="there are kml, kmz, gpx, geojson, geotiff, rtz, gif, sitrep"
+    ):
         drift.export(run, "mp4", tmp_path / "out")

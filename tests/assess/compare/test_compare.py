@@ -1,63 +1,25 @@
-"""What-if on common random numbers: nothing is nothing, a shift is its speed by time, refusals,
-files, errors of differences.
-"""
+"""What-if on common random numbers: nothing is nothing, what is rejected, and what the files hold."""
 
 import csv
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import small_case
 import spills
 import xarray as xr
-from scipy import stats
+from compared_cases import SEARCH, case_of
 
 import drift
 from drift.apps.cli import commands as cli
-from drift.assess.compare import chapter, figures, pairing, report, text, units
-from drift.assess.compare.maps import paired_maps
-from drift.assess.compare.units import GROUPS, SamplingUnits
-from drift.engine.particles.snapshot import Snapshot
-from drift.engine.particles.status import Status
+from drift.assess.compare import chapter, pairing, report, text
 from drift.pipeline import flow
 from drift.products.maps.imprint import Imprint, Setting
 from drift.products.maps.marks import Mark
-from geo import cells, sphere
-from geo.cells import Cells
 
-SEARCH = (
-    small_case.STEADY.replace('object = "PIW-1"', 'object = "PIW-1"\nweight = 0.7')
-    + """
-[[scenario]]
-name = "raft"
-weight = 0.3
-object = "LIFE-RAFT-DB-11"
-position = { at = "27 35N 087 56W", std = "2 nmi" }
-[[sortie]]
-name = "first"
-start = "+2 h"
-end = "+4 h"
-sweep_width = "0.5 nmi"
-speed = "60 kn"
-area = { centre = "27 31N 087 55W", length = "6 nmi", width = "6 nmi", orientation = 90 }
-[uncertainty]
-current = { std = "0.1 m/s", time = "3 h" }
-"""
-)
-HOURS = 6
 # differences of maps are made on a grid of their own
 pytestmark = pytest.mark.usefixtures("coarse_maps")
-
-
-def case_of(folder: Path, text: str, name: str = "trial", **changes: object) -> drift.Case:
-    path = folder / f"{name}.toml"
-    path.write_text(text)
-    return drift.vary(
-        drift.load(path), {key.replace("__", "."): value for key, value in changes.items()}
-    )
 
 
 @pytest.fixture(scope="module")
@@ -119,43 +81,6 @@ def test_runs_are_those_of_drift_run(search: drift.Case) -> None:
         alone.summary["search"]["updates"][0]["pos"]
         == found.a.summary["search"]["updates"][0]["pos"]
     )
-
-
-def test_a_constant_current_more_moves_the_mean_by_its_way(tmp_path: Path) -> None:
-    """East 0.2 and north -0.1 m/s for six hours: 4320 and -2160 m, on a sphere, for each particle
-    of its own latitude.
-    """
-    a = case_of(
-        tmp_path,
-        small_case.STEADY,
-        particles=4000,
-        current__0__constant={"east": 0.1, "north": 0.05},
-    )
-    b = drift.vary(a, {"current.0.constant": {"east": 0.3, "north": -0.05}})
-    found = drift.compare(a, b)
-    (east,), (north,) = (found.at(found.times[-1], name) for name in figures.SHIFT)
-    # Parallels bend: x^2 tan(lat) / 2R = 0.8 m; and a degree of longitude widens by y tan(lat) / R
-    # = 0.02 % southward.
-    assert east.difference == pytest.approx(0.2 * 3600 * HOURS, abs=2.0)
-    assert north.difference == pytest.approx(-0.1 * 3600 * HOURS, abs=2.0)
-    # Pairs keep together: what is left of the error is that of the widening, 0.02 % of 3 km /
-    # sqrt(4000), not 3 km / sqrt(4000).
-    assert max(east.error, north.error) < 0.1
-    first = found.at(found.times[0], "area")
-    assert [(row.difference, row.error) for row in first] == [(0.0, 0.0)] * len(first)
-
-
-def test_a_dataset_belongs_to_the_case_that_names_it(tmp_path: Path) -> None:
-    """0.3 m/s east and north from a dataset in memory, and the same velocity as a constant of the
-    other case, which names no dataset.
-    """
-    named = small_case.CASE.replace('files = "current.nc"', 'dataset = "sea"')
-    constant = f"constant = {{ speed = {0.3 * 2**0.5}, toward = 45 }}"
-    a = case_of(tmp_path, named, "a")
-    b = case_of(tmp_path, small_case.CASE.replace('files = "current.nc"', constant), "b")
-    found = drift.compare(a, b, datasets={"sea": small_case.field()})
-    for row in found.at(found.times[-1], figures.SHIFT):
-        assert abs(row.difference) < 0.1  # 9 km of way, of which float32 keeps seven digits
 
 
 @pytest.mark.thorough
@@ -275,39 +200,6 @@ def test_the_picture_bears_the_caution_of_either_case(
 
 
 @pytest.mark.thorough
-def test_steps_that_end_elsewhere_share_no_errors_and_this_is_said(tmp_path: Path) -> None:
-    """The same current in files whose times are twenty minutes apart: the difference is none but
-    for chance.
-    """
-    field = small_case.field()
-    field.to_netcdf(tmp_path / "current.nc")
-    field.assign_coords(time=field.time + np.timedelta64(20, "m")).to_netcdf(tmp_path / "later.nc")
-    a = case_of(
-        tmp_path,
-        small_case.CASE,
-        particles=2000,
-        uncertainty__current={"std": "0.2 m/s", "time": "3 h"},
-    )
-    assert drift.compare(a, a).notes == ()
-    found = drift.compare(a, drift.vary(a, {"current.0.files": "later.nc"}))
-    assert len(found.notes) == 1
-    assert "are not common to both" in found.notes[0]
-    for name in figures.SHIFT:
-        (row,) = found.at(found.times[-1], name)
-        assert row.error > 10
-        assert abs(row.difference) < 4 * row.error  # one in 16,000
-
-
-def test_backward_against_backward(tmp_path: Path) -> None:
-    text = small_case.STEADY.replace('duration = "6 h"', 'duration = "6 h"\ndirection = "backward"')
-    a = case_of(tmp_path, text, particles=500, start="2026-11-21T06:00Z", uncertainty="none")
-    found = drift.compare(a, drift.vary(a, {"current.0.constant": {"east": 0.5, "north": 0.0}}))
-    assert found.times[0] > found.times[-1]
-    (east,) = found.at(found.times[-1], "mean, east")
-    assert east.difference == pytest.approx(-(0.5 - 0.5 * 1852 / 3600) * 3600 * HOURS, abs=2.0)
-
-
-@pytest.mark.thorough
 def test_a_grid_of_the_first_case_is_that_of_both(search: drift.Case) -> None:
     grid = {"west": -88.3, "south": 27.2, "east": -87.4, "north": 27.9, "spacing": "1 nmi"}
     a = drift.vary(search, {"output.grid": grid})
@@ -418,112 +310,6 @@ def test_what_both_sides_are_given_is_told(spill: drift.Case, tmp_path: Path) ->
     free = drift.compare(*(drift.vary(case, {"find": [], "patrol": []}) for case in (a, b)))
     assert free.given == ("nothing", "nothing")
     assert "given" not in text.comparison_facts(free)
-
-
-# --- standard errors against repeated seeds, on clouds made here ---
-
-SEEDS = 200
-STRATA = (700, 300)
-GRID = Cells(-(2**20), -(2**20), 2**16, 2**16, 32, 32)  # 0.6 km, 20 km across
-
-
-def cloud(seed: int) -> tuple[Snapshot, Snapshot, SamplingUnits]:
-    """Two clouds of pairs: of one law within each of two strata, weighted at random, b wider and
-    farther east than a.
-    """
-    rng = np.random.default_rng(seed)
-    n, stratum = sum(STRATA), np.repeat([0, 1], STRATA)
-    x, y = rng.normal(0, 2500, n) + 1500 * stratum, rng.normal(0, 1500, n)
-    more = rng.normal(0, 300, (2, n))
-    base = np.repeat([0.6 / STRATA[0], 0.4 / STRATA[1]], STRATA)
-    snapshots = []
-    for east, north, miss in ((x, y, 0.5), (1.1 * x + 500 + more[0], y + more[1], 0.7)):
-        weight = base * np.where(north > 0, miss, 1.0)
-        lon, lat = sphere.destination(0.0, 0.0, east, north)
-        status = np.where(east > 3000, Status.ASHORE, Status.ADRIFT).astype(np.int32)
-        binary = (sphere.to_binary(np.degrees(angle)) for angle in (lon, lat))
-        time = np.datetime64("2026-11-21T00:00:00")
-        snapshots.append(
-            Snapshot(time, *binary, weight / weight.sum(), status, stratum.astype(np.int32))
-        )
-    return snapshots[0], snapshots[1], SamplingUnits(stratum, np.ones(n, bool), worlds=False)
-
-
-def bounds(n: int) -> tuple[float, float]:
-    """Return what a standard deviation of n normal values is of its own, 99.8 % of the time:
-    chi-square.
-    """
-    return tuple(np.sqrt(stats.chi2.ppf([0.001, 0.999], n - 1) / (n - 1)))
-
-
-def test_standard_errors_are_the_spread_over_seeds() -> None:
-    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for seed in range(SEEDS):
-        a, b, drawn = cloud(seed)
-        told = [
-            figures.status_shares(snapshot, ("one", "two"), drawn)
-            | figures.mean_position(snapshot, drawn, (0.0, 0.0))
-            for snapshot in (a, b)
-        ]
-        for row in units.differences(a.time, told[0], told[1], drawn, figures.SHIFT):
-            found.setdefault((row.quantity, row.name), []).append((row.difference, row.error))
-    low, high = bounds(SEEDS)
-    checked = 0
-    for key, pairs in found.items():
-        differences, errors = np.array(pairs).T
-        spread = differences.std(ddof=1)
-        if spread > 1e-12:
-            checked += 1
-            assert low < spread / np.sqrt(np.mean(errors**2)) < high, key
-    assert checked == 6  # two statuses, two scenarios, east and north
-
-
-@pytest.mark.thorough
-def test_standard_errors_of_maps_are_the_spread_over_seeds() -> None:
-    """Pooled over the cells that have anything; of independent cells, of which there are tens, the
-    ratio is nearer to 1.
-    """
-    seeds = 60
-    pairs = []
-    for seed in range(seeds):
-        a, b, drawn = cloud(seed)
-        made = paired_maps(a, b, drawn, GRID, None, 40.0)
-        pairs.append((made.difference, made.error))
-        on = cells.index_of_cells(a.lon, a.lat, GRID) >= 0  # a few lie off it
-        assert made.a.sum() == pytest.approx(a.probability[on].sum())
-    differences, errors = np.stack(pairs, axis=1)
-    spread, error = differences.var(axis=0, ddof=1), np.mean(errors**2, axis=0)
-    busy = spread > 0.05 * spread.max()
-    low, high = bounds(seeds)
-    assert low < np.sqrt(spread[busy].sum() / error[busy].sum()) < high
-
-
-def test_groups_have_as_many_of_every_stratum() -> None:
-    drawn = cloud(0)[2]
-    count = np.zeros((2, GROUPS), int)
-    np.add.at(count, (drawn.stratum, drawn.group), 1)
-    assert np.ptp(count, axis=1).max() <= 1
-
-
-def test_means_of_strata_are_no_chance() -> None:
-    """Influences that are level within each stratum have no error; what never had a weight does not
-    count.
-    """
-    drawn = cloud(0)[2]
-    level = np.where(drawn.stratum == 0, 3.0, -1.0)
-    assert drawn.error(level) == pytest.approx(0.0, abs=1e-12)
-    rng = np.random.default_rng(1)
-    noise = rng.normal(size=drawn.size)
-    expected = np.sqrt(sum(n * noise[drawn.stratum == k].var(ddof=1) for k, n in enumerate(STRATA)))
-    assert drawn.error(level + noise) == pytest.approx(expected)
-    spare = replace(drawn, begun=np.arange(drawn.size) % 2 == 0)
-    half = np.sqrt(
-        sum(
-            n / 2 * noise[(drawn.stratum == k) & spare.begun].var(ddof=1)
-            for k, n in enumerate(STRATA)
-        )
-    )
-    assert spare.error(level + noise) == pytest.approx(half)
 
 
 UNIT = """

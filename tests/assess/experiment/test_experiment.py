@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trial_case
 from one_thread import Process
 
 import drift
@@ -18,30 +19,19 @@ from drift.products.maps.imprint import Imprint
 from drift.tracking.tracker.figures import Figure
 from geo.errors import UserError
 
-CASE = """
-title = "Raft"
-start = "2026-11-21T00:00Z"
-duration = "6 h"
-particles = 500
-seed = 40
-coast.source = "none"
-output = { every = "3 h" }
-[[current]]
-constant = { speed = "0.6 kn", toward = 70 }
-[[wind]]
-constant = { speed = "14 kn", from = 250 }
-[[scenario]]
-name = "last call"
-object = "LIFE-RAFT-DB-10"
-position = { at = "27 30N 088 00W", std = "3 nmi" }
-"""
 AREA = "outputs.-1.area_nmi2.95%"
 
 
 @pytest.fixture
 def case(tmp_path: Path) -> str:
-    (tmp_path / "raft.toml").write_text(CASE, encoding="utf-8")
-    return str(tmp_path / "raft.toml")
+    path = trial_case.write(
+        tmp_path,
+        seed=40,
+        output={"every": "3 h"},
+        wind={"constant": {"speed": "14 kn", "from": 250}},
+        scenario={"object": "LIFE-RAFT-DB-10"},
+    )
+    return str(path)
 
 
 @pytest.mark.thorough

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+import trial_case
 from scipy import stats
 
 import drift
@@ -125,12 +126,13 @@ def test_where_a_track_ends_does_not_depend_on_what_comes_after(shore):
 
 
 def test_the_fit_says_what_it_leaves_out_and_its_remedy_works(shore, tmp_path, monkeypatch):
-    (tmp_path / "case.toml").write_text(
-        f'start = "2021-03-01T00:00Z"\nduration = "6 h"\ncurrent = [{{ constant = {{ east = 0, north = 0 }} }}]\n'
-        f'coast.source = "{shore.source}"\n[[scenario]]\nname = "b"\nobject = "water"\n'
-        'position = { at = [-40, 40], error = "1 nmi" }\n'
+    case = trial_case.load(
+        tmp_path,
+        start="2021-03-01T00:00Z",
+        coast={"source": shore.source},
+        scenario={"position": {"at": [-40, 40], "error": "1 nmi"}},
     )
-    case, tracks = drift.load(tmp_path / "case.toml"), simulated(8, 5)
+    tracks = simulated(8, 5)
     monkeypatch.setattr(
         fitting,
         "fitted_errors",
@@ -148,15 +150,16 @@ def test_the_fit_says_what_it_leaves_out_and_its_remedy_works(shore, tmp_path, m
 
 def test_drifters_of_many_years_are_compared(tmp_path):
     """A case has at most 1,000 outputs; by the default every 6 h they would end after 250 days."""
-    (tmp_path / "case.toml").write_text(
-        'start = "2021-03-01T00:00Z"\nduration = "6 h"\ncurrent = [{ constant = { east = 0.1, north = 0 } }]\n'
-        '[output]\nevery = "1 h"\n[[scenario]]\nname = "b"\nobject = "water"\nposition = { at = [-40, 40], error = "1 nmi" }\n'
+    case = trial_case.load(
+        tmp_path,
+        start="2021-03-01T00:00Z",
+        output={"every": "1 h"},
+        current={"constant": {"east": 0.1, "north": 0}},
+        scenario={"position": {"at": [-40, 40], "error": "1 nmi"}},
     )
     track = simulated(1, 6)[0]
     later = Track("z", track.time + 3.2e8, track.lon, track.lat, track.columns)
-    ways = along.compare_displacements(
-        drift.load(tmp_path / "case.toml"), [track, later], {}, 4 * 3600.0, 3.0
-    ).ways
+    ways = along.compare_displacements(case, [track, later], {}, 4 * 3600.0, 3.0).ways
     assert [
         way.model[1:] == pytest.approx(np.array([[0.1 * FIX, 0.0]] * (way.time.size - 1)), abs=0.01)
         for way in ways

@@ -1,174 +1,18 @@
-"""Fitting errors to drifters: the likelihood against a dense normal law, the parameters against
-drifters simulated here.
-"""
+"""Fitting errors to drifters: the parameters against drifters simulated here."""
 
 import functools
 import math
-import tomllib
-from types import MappingProxyType
 
 import numpy as np
 import pytest
+import trial_case
 import xarray as xr
 from scipy import stats
+from simulated_drifters import MEAN, RADIUS, TRUE, WINDAGE, simulated, ways
 
-import drift
-from drift.apps.cli import commands
-from drift.assess.verify import along, error_law, fitting, hold_out
+from drift.assess.verify import along, error_law, fitting
 from drift.assess.verify.error_law import Law
-from drift.case.values import units
-from drift.engine.environment import along_track
-from drift.tracking.tracks import clusters
 from drift.tracking.tracks.records import Track
-
-TRUE = Law(std=0.23, time=4.3 * 3600, bias=0.19, diffusivity=9.0, noise=130.0)
-WINDAGE, MEAN = 0.017, (0.06, -0.035)
-RADIUS = 6_371_008.8  # [m] of the sphere
-
-
-def current(lon, lat, time):
-    """East and north [m/s]: a shear, a tide and a trend, nowhere the same in both components."""
-    tide = 2 * np.pi * time / (12.42 * 3600)
-    return 0.21 + 0.09 * np.sin(tide + 0.4) + 0.3 * (lat - 47.0), -0.13 + 0.06 * np.cos(
-        tide
-    ) + 0.2 * (lon + 6.0)
-
-
-def wind(lon, lat, time):
-    """East and north [m/s], turning in three days."""
-    turn = 2 * np.pi * time / (71 * 3600)
-    return 4.0 + 5.5 * np.cos(turn), -2.5 + 4.2 * np.sin(turn + 1.1)
-
-
-def simulated(rng, drifters, days, law=TRUE, step=300.0, start=1.0e9):
-    """Return tracks with columns of the model at the fixes:
-
-    Euler steps of a known flow, exact ones of the errors.
-    """
-    n = round(days * 86_400 / step)
-    lon, lat = rng.uniform(-6.2, -5.6, drifters), rng.uniform(46.7, 47.3, drifters)
-    bias = rng.normal(0, law.bias, (2, drifters))
-    error = rng.normal(0, law.std, (2, drifters))
-    phi = math.exp(-step / law.time)
-    path = [(lon, lat)]
-    for k in range(n):
-        t = start + (k + 0.5) * step
-        new = phi * error + law.std * math.sqrt(1 - phi**2) * rng.standard_normal((2, drifters))
-        walk = rng.normal(0, math.sqrt(2 * law.diffusivity * step), (2, drifters))
-        velocity = np.add(current(lon, lat, t), WINDAGE * np.array(wind(lon, lat, t))[:, None])
-        moved = (velocity + np.array(MEAN)[:, None] + bias + (error + new) / 2) * step + walk
-        error = new
-        middle = lat + np.degrees(moved[1] / 2 / RADIUS)
-        lat = lat + np.degrees(moved[1] / RADIUS)
-        lon = lon + np.degrees(moved[0] / RADIUS / np.cos(np.radians(middle)))
-        path.append((lon, lat))
-    lons, lats = np.array(path).transpose(1, 0, 2)
-    tracks = []
-    for d in range(drifters):
-        gaps = rng.choice([2, 7, 13, 20], n)  # of 10 to 100 minutes
-        at = np.concatenate([[0], np.cumsum(gaps)])
-        at = at[at <= n]
-        time = start + at * step
-        north = rng.normal(0, law.noise, at.size)
-        east = rng.normal(0, law.noise, at.size)
-        y = lats[at, d] + np.degrees(north / RADIUS)
-        x = lons[at, d] + np.degrees(east / RADIUS / np.cos(np.radians(y)))
-        u, v = current(lons[at, d], lats[at, d], time)
-        a, b = wind(lons[at, d], lats[at, d], time)
-        tracks.append(Track(f"buoy {d}", time, x, y, {"u": u, "v": v, "a": a, "b": b}))
-    return tracks
-
-
-COLUMNS = {"current_east": "u", "current_north": "v", "wind_east": "a", "wind_north": "b"}
-
-
-class Bare:
-    """A case without sources: all forcing comes from columns."""
-
-    forcing = MappingProxyType({})
-
-
-def ways(tracks):
-    return along.compare_displacements(Bare, tracks, COLUMNS, 3 * 3600.0, 3.0).ways
-
-
-def dense(tracks, law, mean):
-    """Log likelihood of the increments by their dense covariance: double integrals in closed form,
-    drifter by drifter.
-    """
-    total, information = 0.0, 0.0
-    for d in range(len(tracks.step)):
-        n = int(tracks.there[d].sum())
-        t = np.cumsum(tracks.step[d, :n])
-        stretch = np.cumsum(tracks.fresh[d, :n])
-        a, b = np.meshgrid(t, t, indexing="ij")
-        low, high = np.minimum(a, b), np.maximum(a, b)
-        memory = law.time
-        integral = law.std**2 * memory * (
-            2 * low + memory * (np.exp(-low / memory) + np.exp(-high / memory) - 1 - np.exp(-(high - low) / memory))
-        )  # fmt: skip
-        position = (
-            integral + law.bias**2 * a * b + 2 * law.diffusivity * low + law.noise**2 * np.eye(n)
-        )
-        steps = np.array(
-            [
-                row
-                for row, k in zip(np.diff(np.eye(n), axis=0), np.diff(stretch), strict=True)
-                if k == 0
-            ]
-        )
-        covariance = steps @ position @ steps.T
-        for c in range(2):
-            # sums start again with each stretch, and no step crosses from one to the next
-            left = steps @ (tracks.data[d, :n, c] - tracks.regressors[d, :n, c] @ mean)
-            total += stats.multivariate_normal(np.zeros(len(left)), covariance).logpdf(left)
-            design = steps @ tracks.regressors[d, :n, c]
-            information = information + design.T @ np.linalg.solve(covariance, design)
-    return total, np.atleast_2d(information)
-
-
-def test_likelihood_is_that_of_a_dense_normal_law():
-    tracks = simulated(np.random.default_rng(4), 3, 0.7)
-    long = tracks[1]  # a night of silence splits one track; its velocity and bias go on
-    awake = (long.time < long.time[5]) | (long.time > long.time[5] + 5 * 3600)
-    tracks[1] = Track(
-        long.name,
-        long.time[awake],
-        long.lon[awake],
-        long.lat[awake],
-        {k: v[awake] for k, v in long.columns.items()},
-    )
-    found = along.residuals(ways(tracks), wind=True)
-    assert found.fresh[1].sum() == 2
-    for law in (TRUE, Law(0.05, 400.0, 0.3, 0.0, 3.0), Law(0.4, 9e6, 0.0, 40.0, 700.0)):
-        made = error_law.likelihood(law, found)
-        total, information = dense(found, law, made.mean)
-        assert made.own.sum() == pytest.approx(total, rel=1e-9)
-        assert made.covariance == pytest.approx(np.linalg.inv(information), rel=1e-6)
-        size = len(made.mean)
-        restricted = total + size / 2 * math.log(2 * np.pi) - np.linalg.slogdet(information)[1] / 2
-        assert made.log == pytest.approx(restricted, rel=1e-9)
-        for shift in np.eye(size) * 1e-3:  # the unknowns of the mean are at their best
-            assert dense(found, law, made.mean + shift)[0] < total
-
-
-@pytest.mark.parametrize("hours", [0.001, 0.05, 1.0, 40.0])
-def test_spread_and_correlation_are_integrals_of_the_covariance(hours):
-    span, lag = hours * 3600, hours * 3600 * 2.3
-    nodes, weight = np.polynomial.legendre.leggauss(60)
-    t, w = (nodes + 1) * span / 2, weight * span / 2
-    # the kernel has an edge on the diagonal: what lies below it counts twice, by a second rule on
-    # [0, t]
-    inner = np.array(
-        [(weight * x / 2 * np.exp(-(x - (nodes + 1) * x / 2) / TRUE.time)).sum() for x in t]
-    )
-    variance = 2 * TRUE.std**2 * (w * inner).sum()
-    expected = variance + TRUE.bias**2 * span**2 + 2 * TRUE.diffusivity * span + 2 * TRUE.noise**2
-    assert error_law.error_variance(TRUE, span) == pytest.approx(expected, rel=1e-9)
-    far = np.exp(-(lag + t[:, None] - t[None]) / TRUE.time)
-    cross = TRUE.bias**2 + TRUE.std**2 * (w[:, None] * w[None] * far).sum() / span**2
-    assert error_law.correlation(TRUE, lag, span) == pytest.approx(cross, rel=1e-9)
-
 
 SETS, BUOYS = 6, 12
 
@@ -264,53 +108,6 @@ def test_what_the_data_do_not_tell_is_said():
     assert not short.parameters["time"].identified
 
 
-def test_clustered_errors_are_the_sum_over_pairs_that_share_a_cluster():
-    rng = np.random.default_rng(6)
-    who, when = rng.integers(0, 7, 60), rng.integers(0, 11, 60)
-    x = rng.normal(0, 1, 60) + rng.normal(0, 1, 7)[who] + rng.normal(0, 1.5, 11)[when]
-    e = x - x.mean()
-    both = {(a, b) for a, b in zip(who.tolist(), when.tolist(), strict=True)}
-
-    def pairs(same, groups):
-        return (
-            sum(e[i] * e[j] for i in range(60) for j in range(60) if same(i, j))
-            * groups
-            / (groups - 1)
-            / 60**2
-        )
-
-    drifter = pairs(lambda i, j: who[i] == who[j], 7)
-    day = pairs(lambda i, j: when[i] == when[j], 11)
-    crossed = pairs(lambda i, j: who[i] == who[j] and when[i] == when[j], len(both))
-    found = clusters.mean(x, who, when)
-    assert found.error**2 == pytest.approx(max(drifter, day, drifter + day - crossed), rel=1e-9)
-    assert (found.drifters, found.days, found.count) == (7, 11, 60)
-    alone = clusters.mean(x, np.zeros(60), when)
-    assert alone.error**2 == pytest.approx(day, rel=1e-9)
-    sure = clusters.mean(np.ones(20), who[:20], when[:20], share=True)
-    assert sure.error == pytest.approx(math.sqrt(21 / 22 * (1 / 22) / 20), rel=1e-9)
-
-
-def test_halves_share_no_way():
-    tracks = ways(simulated(np.random.default_rng(12), 1, 10.0))
-    halves = hold_out.split_halves(tracks)
-    spans = [{(float(t), float(s)) for t, s, f in zip(w.time, w.step, w.fresh, strict=True) if not f} for w in (*halves.fitted, *halves.held)]  # fmt: skip
-    assert not spans[0] & spans[1]
-    assert all(spans)
-    # none leads over days that were held out
-    assert all(max(step for _, step in span) <= 3 * 3600 for span in spans)
-
-
-def test_quadrature_is_exact_for_cubics_but_for_whole_seconds():
-    time = np.array([0.0, 5000.0, 12_000.0])
-    at, weight, owner = along_track.quadrature_points(time)
-    for k in (1, 2):
-        found = (weight[owner == k] * at[owner == k] ** 3).sum()
-        exact = (time[k] ** 4 - time[k - 1] ** 4) / 4
-        # half a second of each point
-        assert abs(found - exact) < 0.5 * 3 * time[k] ** 2 * (time[k] - time[k - 1])
-
-
 def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
     """A current and a wind that are linear in place and time, so that their interpolation is exact,
     on grids of their own.
@@ -340,12 +137,13 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
             {"time": start.astype("datetime64[ns]") + hours * np.timedelta64(3600, "s"), "lat": ("lat", lats, {"units": "degrees_north"}),
              "lon": ("lon", lons, {"units": "degrees_east"})},
         )  # fmt: skip
-    file = tmp_path / "case.toml"
-    names = 'variables = { east = "ue", north = "vn" }'
-    file.write_text(
-        'start = "2021-05-01T00:00Z"\nduration = "6 h"\n'
-        f'[[current]]\nname = "c"\ndataset = "c"\nfill = 0\n{names}\n[[wind]]\nname = "w"\ndataset = "w"\n{names}\n'
-        '[[scenario]]\nname = "b"\nobject = { windage = "2 %" }\nposition = { at = [5, 60], error = "1 nmi" }\n'
+    names = {"variables": {"east": "ue", "north": "vn"}}
+    case = trial_case.load(
+        tmp_path,
+        start="2021-05-01T00:00Z",
+        current={"dataset": "c", "fill": 0, **names},
+        wind={"dataset": "w", **names},
+        scenario={"object": {"windage": "2 %"}, "position": {"at": [5, 60], "error": "1 nmi"}},
     )
     rng = np.random.default_rng(2)
     begin = float(start.astype(np.int64))
@@ -356,7 +154,7 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
     # in the hole
     north = Track("north", time[:4], np.linspace(6.3, 6.4, 4), np.linspace(60.7, 60.75, 4))
     made = along.compare_displacements(
-        drift.load(file), [Track("b", time, lon, lat), gone, north], {}, 3 * 3600.0, 3.0, sets
+        case, [Track("b", time, lon, lat), gone, north], {}, 3 * 3600.0, 3.0, sets
     )
     assert [way.name for way in made.ways] == ["b"]
     way = made.ways[0]
@@ -400,54 +198,3 @@ def test_a_wind_that_is_always_the_same_tells_no_windage():
     assert math.isnan(fit.windage)
     assert fitting.ONE_WIND in fit.notes
     assert np.isfinite(fit.mean_error).all()
-
-
-@pytest.mark.thorough
-def test_the_command_prints_an_uncertainty_to_paste(tmp_path, capsys):
-    rows = ["buoy;time;lat;lon;u;v;a;b"]
-    for track in simulated(
-        np.random.default_rng(40), 3, 0.9, Law(0.2, 3 * 3600.0, 0.2, 30.0, 90.0)
-    ):
-        columns = (track.lat, track.lon, *(track.columns[name] for name in "uvab"))
-        rows += [f"{track.name};{np.datetime64(round(t * 1000), 'ms')}Z;{';'.join(map(repr, map(float, row)))}"
-                 for t, row in zip(track.time, zip(*columns, strict=True), strict=True)]  # fmt: skip
-    (tmp_path / "buoys.csv").write_text("\n".join(rows))
-    (tmp_path / "case.toml").write_text(
-        'start = "2021-03-01T00:00Z"\nduration = "6 h"\ncurrent = [{ constant = { east = 0, north = 0 } }]\n'
-        '[[scenario]]\nname = "b"\nobject = "water"\nposition = { at = [-6, 47], error = "1 nmi" }\n'
-    )
-    given = ["fit-errors", str(tmp_path / "case.toml"), "--drifters", str(tmp_path / "buoys.csv")]
-    columns = "current_east=u,current_north=v,wind_east=a,wind_north=b"
-    assert commands.main([*given, "--columns", columns]) == 0
-    said = capsys.readouterr().out
-    made = drift.fit_errors(
-        drift.load(tmp_path / "case.toml"), tmp_path / "buoys.csv", columns=COLUMNS
-    )
-    table = said[said.index("[uncertainty]") :]
-    pasted = tomllib.loads(table)["uncertainty"]
-    assert units.quantity(pasted["current"]["std"], "m/s", "", "") == pytest.approx(
-        made.law.std, abs=5e-4
-    )
-    assert units.quantity(pasted["current"]["time"], "s", "", "") == pytest.approx(
-        made.law.time, abs=180
-    )
-    assert units.quantity(pasted["current"]["bias"], "m/s", "", "") == pytest.approx(
-        made.standing_bias, abs=5e-4
-    )
-    assert units.quantity(pasted["diffusivity"], "m^2/s", "", "") == pytest.approx(
-        made.law.diffusivity, rel=0.05, abs=0.05
-    )
-    assert f'object = {{ windage = "{100 * made.windage:.2f} %" }}' in table
-    # the mean's square, less its error's, joins the square of the bias: what a drifter's bias is
-    # where the mean is left in
-    square = made.law.bias**2 + (np.square(made.mean).sum() - np.square(made.mean_error).sum()) / 2
-    assert made.standing_bias == pytest.approx(math.sqrt(max(square, made.law.bias**2)))
-    drift.vary(drift.load(tmp_path / "case.toml"), {"uncertainty": pasted})
-    for wrong, words in (
-        (["--max-gap", "9 min"], "no two fixes at most 0.15 h apart"),
-        (["--max-gap", "-1 h"], "--max-gap"),
-        (["--columns", "current_east=q,current_north=v"], 'no column "q"'),
-        (["--max-speed", "3 h"], "--max-speed"),
-    ):
-        assert commands.main([*given, *wrong]) == 2
-        assert words in capsys.readouterr().err

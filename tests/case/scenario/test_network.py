@@ -208,7 +208,7 @@ LINE = line("West", "Middle", width="2.5 nmi")
          'lane "Wset - Middle": no node "Wset"; nearest is "West"'),
         (feature("Point", "here", name="Here"), 'node "Here".at: position "here" holds no number; write it like "27 30.5N 088 15.0W"'),
         (feature("Point", [1.0], name="Here"), 'node "Here".at: [1.0] is not a position; write [lon, lat] in degrees'),
-        (feature("Point", [1.0, 2.0], name="Here", colour="red"), 'node "Here": unknown key "colour"; Allowed: name, at'),
+        (feature("Point", [1.0, 2.0], name="Here", colour="red"), 'node "Here": unknown key "colour"; allowed: name, at'),
     ],
 )  # fmt: skip
 def test_mistakes_in_geojson(tmp_path: Path, change: Any, expected: str) -> None:

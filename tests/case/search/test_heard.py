@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trial_case
 import xarray as xr
 
 from drift.apps.check import check
@@ -16,20 +17,6 @@ from drift.evidence.filter import shapes
 from drift.evidence.filter.records import Contact, Heard, Tone
 from geo.errors import UserError
 
-HEAD = """
-title = "trial"
-start = "2026-11-21T00:00Z"
-duration = "24 h"
-output.every = "12 h"
-coast.source = "none"
-[[current]]
-name = "sea"
-constant = { speed = "0.5 kn", toward = 90 }
-[[scenario]]
-name = "raft"
-object = "water"
-position = { at = "27 30N 088 00W", std = "1 nmi" }
-"""
 SONAR = """
 [sensor.sonar]
 source_level = "140 dB"
@@ -57,9 +44,7 @@ def load(tmp_path: Path, *more: str) -> tuple[Contact, ...]:
         attrs={"units": "1"},
     )
     table.to_dataset(name="pod").to_netcdf(tmp_path / "pod.nc")
-    path = tmp_path / "case.toml"
-    path.write_text(HEAD + ARRAY + TOWED + RADAR + "".join(more))
-    return case_file.load(path).contacts
+    return trial_case.load(tmp_path, ARRAY, TOWED, RADAR, *more, duration="24 h").contacts
 
 
 def heard(contact: Contact) -> Heard:
@@ -115,7 +100,7 @@ WRONG = {
     "no sensor": (BEARING.replace("array", "aray"), 'no sensor "aray"; did you mean "array"?'),
     "zones": (BEARING.replace(" }", ', zones = [["0 nmi", "9 nmi", 0.9]] }'), "zones and sensor"),
     "from of what stands": (BEARING.replace(" }", ', from = "27 20N 088 00W" }'), "has a fixed position"),
-    "heading of what stands": (BEARING.replace(" }", ", heading = 20 }"), "has a fixed position (at in its table)"),
+    "heading of what stands": (BEARING.replace(" }", ", heading = 20 }"), "has a fixed position (`at` in its table)"),
     "no place": (BY_TOW.replace('from = "27 20N 088 00W", ', ""), 'where was sensor "towed"?'),
     "no heading": (BY_TOW.replace("heading = 200, ", ""), "give its heading at the time"),
     "no place at all": ('bearing = { bearing = 280, std = "3 deg" }\n', "from is missing"),

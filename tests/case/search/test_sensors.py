@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trial_case
 
 from drift.case import file as case_file
 from drift.evidence.filter.records import Barrier, Field, Line, Look, Presence, Sensors, Sight
@@ -14,19 +15,7 @@ from geo import gnomonic, sphere
 from geo.errors import UserError
 
 NMI = 1852.0
-HEAD = """
-title = "trial"
-start = "2026-11-21T00:00Z"
-duration = "24 h"
-output.every = "12 h"
-[[current]]
-name = "sea"
-constant = { speed = "0.5 kn", toward = 90 }
-[[scenario]]
-name = "raft"
-object = "water"
-position = { at = "27 30N 088 00W", std = "1 nmi" }
-"""
+HEAD = trial_case.text(duration="24 h", output={"every": "12 h"})
 LOOK = '[[look]]\nname = "dip"\ntime = "+9 h"\nat = "27 30N 088 12W"\nsees = "nothing"\n'
 BOX = 'width = "6 nmi"\nheight = "4 nmi"\nturned = 30\n'
 PRESENCE = (

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trial_case
 from pyproj import Geod
 
-import drift
 from drift.engine.environment import domain, environment
 from drift.engine.motion import leeway
 from drift.pipeline import run_setup
@@ -16,18 +16,6 @@ from geo import sphere
 from geo.box import Box
 
 EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
-CASE = """
-start = "2026-11-21T06:00Z"
-duration = "{hours} h"
-[[current]]
-constant = {{ speed = "0.3 m/s", toward = 70 }}
-[[wind]]
-constant = {{ speed = "9 m/s", from = 200 }}
-[[scenario]]
-name = "boat"
-object = "{object}"
-position = {{ at = [{lon}, {lat}], std = "3 km" }}
-"""
 
 
 @pytest.mark.parametrize(("lon", "lat"), [(179.2, 63.0), (-12.0, -71.0), (3.0, 2.0)])
@@ -42,8 +30,12 @@ def test_the_reach_holds_what_drifts_as_fast_as_it_is_reckoned_with(
     as there, no wider.
     """
     hours = 30
-    (tmp_path / "case.toml").write_text(CASE.format(lon=lon, lat=lat, object=name, hours=hours))
-    case = drift.load(tmp_path / "case.toml")
+    case = trial_case.load(
+        tmp_path,
+        duration=f"{hours} h",
+        wind={"constant": {"speed": "9 m/s", "from": 200}},
+        scenario={"object": name, "position": {"at": [lon, lat], "std": "3 km"}},
+    )
     found = leeway.find_class(name)
     slope = max(abs(line.slope) for line in (found.down, found.right, found.left))
     far = (2.5 + 25 * slope) * hours * 3600

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import small_case
+import trial_case
 
 import drift
 from drift.engine.environment import coastline, domain, environment
@@ -23,17 +24,6 @@ from geo.errors import UserError
 from geo.forcing import sources
 from geo.grids.grid import Grid
 
-CASE = """
-start = "2026-11-21T06:00Z"
-duration = "10 h"
-coast.source = "none"
-[[current]]
-table = [{ time = "+0 h", toward = 70, speed = "0.3 m/s" }, { time = "+5 h", toward = 70, speed = "0.3 m/s" }]
-[[scenario]]
-name = "boat"
-object = "water"
-position = { at = [3.0, 2.0], std = 0 }
-"""
 SPEED = {"slow": 0.1, "swift": 20.0}  # [m/s]
 
 
@@ -49,8 +39,14 @@ def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> drift.Case:
         fastest=lambda scenario, wind, spreads: SPEED[scenario.motion] * (1 + spreads),
     )
     monkeypatch.setitem(MODELS, "steaming", steaming)
-    (tmp_path / "case.toml").write_text(CASE)
-    return drift.load(tmp_path / "case.toml")
+    slow = {"toward": 70, "speed": "0.3 m/s"}
+    return trial_case.load(
+        tmp_path,
+        start="2026-11-21T06:00Z",
+        duration="10 h",
+        current={"table": [{"time": "+0 h", **slow}, {"time": "+5 h", **slow}]},
+        scenario={"name": "boat", "position": {"at": [3.0, 2.0], "std": 0}},
+    )
 
 
 def spec(case: drift.Case, *motions: str | None) -> EnsembleSpec:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trial_case
 import writers
 import xarray as xr
 
@@ -17,19 +18,6 @@ import drift
 from drift.engine.environment import ambient
 from drift.pipeline import run_setup
 from geo.errors import UserError
-
-CASE = """
-start = "2024-03-10T06:00Z"
-duration = "8 h"
-particles = 200
-coast.source = "none"
-uncertainty = "none"
-{sources}
-[[scenario]]
-name = "boat"
-object = "water"
-position = {{ at = [-30.0, 40.0], error = "1 m" }}
-"""
 
 
 def written(path: Path, hours: range, shift: float = 0.0) -> Path:
@@ -50,7 +38,15 @@ def written(path: Path, hours: range, shift: float = 0.0) -> Path:
 
 
 def case_of(folder: Path, sources: str, *changes: tuple[str, str]) -> drift.Case:
-    text = CASE.format(sources=sources)
+    text = trial_case.text(
+        sources,
+        start="2024-03-10T06:00Z",
+        duration="8 h",
+        particles=200,
+        uncertainty="none",
+        current=None,
+        scenario={"position": {"at": [-30.0, 40.0], "error": "1 m"}},
+    )
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)

@@ -6,36 +6,33 @@ import math
 
 import numpy as np
 import pytest
+import trial_case
 import xarray as xr
 
 import drift
-from drift.case import file as case_file
 from geo import sphere
 from geo.errors import UserError
 from geo.notation import KNOT
 
-CASE = """
-start = "2026-11-21T18:00Z"
-duration = "24 h"
-particles = 10
-output = { trajectories = 0 }
-coast = { source = "none" }
-uncertainty = "none"
-current = [{ constant = { east = 0, north = 0 } }]
-[[wind]]
-SOURCE
-[[scenario]]
-name = "box"
-object = { windage = "3 %" }
-position = { at = [0.5, 0.0], error = "1 m" }
-"""
 HOURS, KNOTS = (0, 1, 2, 3, 15, 24), (10, 12, 14, 8, 20, 5)
 
 
 def case(tmp_path, source: str):
-    path = tmp_path / "rows.toml"
-    path.write_text(CASE.replace("SOURCE", source))
-    return case_file.load(path)
+    return trial_case.load(
+        tmp_path,
+        f"[[wind]]\n{source}",
+        start="2026-11-21T18:00Z",
+        duration="24 h",
+        particles=10,
+        output={"trajectories": 0},
+        uncertainty="none",
+        current={"constant": {"east": 0, "north": 0}},
+        scenario={
+            "name": "box",
+            "object": {"windage": "3 %"},
+            "position": {"at": [0.5, 0.0], "error": "1 m"},
+        },
+    )
 
 
 def rows(hours, knots) -> str:
@@ -100,10 +97,8 @@ def test_what_is_wrong_with_several_sources_and_scenarios_comes_at_once(tmp_path
         "one.nc",
         "two.nc",
     ]
-    other = '\n[[scenario]]\nname = "crate"\nobject = { windage = "2 %" }\nposition = { at = [0.5, 0.0], error = "1 m" }'
-    path = tmp_path / "two.toml"
-    path.write_text(CASE.replace("SOURCE", rows((0, 6), (10, 10))) + other)
+    other = '[[scenario]]\nname = "crate"\nobject = { windage = "2 %" }\nposition = { at = [0.5, 0.0], error = "1 m" }'
     with pytest.raises(UserError) as refused:
-        drift.check(case_file.load(path))
+        drift.check(case(tmp_path, f"{rows((0, 6), (10, 10))}\n{other}"))
     (line,) = refused.value.lines  # the same of both
     assert line.startswith('scenario "box" and 1 more: wind "wind 1" lasts from')

@@ -1,5 +1,5 @@
-"""Within 60 nmi of a pole: motion and searches against rotations and integrations in three
-dimensions, in float64.
+"""Motion within 60 nmi of a pole: against rotations and integrations in three dimensions, in
+float64.
 """
 
 import math
@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import taichi as ti
+import trial_case
 import xarray as xr
-from matplotlib.figure import Figure
 
 import drift
 from drift.engine.motion.drift import COLUMNS
 from drift.engine.particles import ensemble as record
-from drift.products.maps import chart
 from geo import sphere
 from geo.grids.grid import Grid
 from kernels.runtime import runtime
@@ -117,26 +116,25 @@ def test_typed_forcing_near_a_pole_has_one_direction_in_its_plane(
     % of it as windage.
     """
     lat = "89 59.0N" if pole > 0 else "89 59.0S"
-    (tmp_path / "case.toml").write_text(f"""
-start = "2026-03-03T18:00Z"
-duration = "680 min"
-particles = 100
-uncertainty = "none"
-[coast]
-source = "none"
-[[current]]
-table = [
- {{ time = "2026-03-03T18:00Z", speed = "0.5 kn", toward = 60 }},
- {{ time = "2026-03-04T02:00Z", speed = "1.5 kn", toward = 130 }},
- {{ time = "2026-03-04T06:00Z", speed = "0.2 kn", toward = 350 }},
-]
-[[wind]]
-constant = {{ speed = "15 kn", from = 240 }}
-[[scenario]]
-name = "one"
-object = {{ windage = "4 %" }}
-position = {{ at = "{lat} 010 00W", error = "0.001 m" }}
-""")
+    path = trial_case.write(
+        tmp_path,
+        start="2026-03-03T18:00Z",
+        duration="680 min",
+        particles=100,
+        uncertainty="none",
+        current={
+            "table": [
+                {"time": "2026-03-03T18:00Z", "speed": "0.5 kn", "toward": 60},
+                {"time": "2026-03-04T02:00Z", "speed": "1.5 kn", "toward": 130},
+                {"time": "2026-03-04T06:00Z", "speed": "0.2 kn", "toward": 350},
+            ]
+        },
+        wind={"constant": {"speed": "15 kn", "from": 240}},
+        scenario={
+            "object": {"windage": "4 %"},
+            "position": {"at": f"{lat} 010 00W", "error": "0.001 m"},
+        },
+    )
     knot, start = 1852 / 3600, math.radians(-10)
     rows = [(0, 0.5, 60), (8, 1.5, 130), (12, 0.2, 350)]
     hours = [row[0] for row in rows]
@@ -156,7 +154,7 @@ position = {{ at = "{lat} 010 00W", error = "0.001 m" }}
         return u * math.cos(turn) + v * math.sin(turn), v * math.cos(turn) - u * math.sin(turn)
 
     expected = integrated(start, pole * math.radians(90 - 1 / 60), velocity, 11 * 3600 + 1200)
-    assert float(sphere.distance(*final(tmp_path / "case.toml"), *expected)) < 3.0  # of 36 km
+    assert float(sphere.distance(*final(path), *expected)) < 3.0  # of 36 km
 
 
 @pytest.mark.thorough
@@ -213,20 +211,15 @@ def test_a_polar_stereographic_file_is_followed_over_the_pole(
     )
     data.to_netcdf(tmp_path / "polar.nc")
     start = 89.8
-    (tmp_path / "case.toml").write_text(f"""
-start = "2026-03-03T00:00Z"
-duration = "20 h"
-particles = 100
-uncertainty = "none"
-[coast]
-source = "none"
-[[current]]
-files = "polar.nc"
-[[scenario]]
-name = "one"
-object = "water"
-position = {{ at = [-160.0, {start}], error = "0.001 m" }}
-""")
+    path = trial_case.write(
+        tmp_path,
+        start="2026-03-03T00:00Z",
+        duration="20 h",
+        particles=100,
+        uncertainty="none",
+        current={"files": "polar.nc"},
+        scenario={"position": {"at": [-160.0, start], "error": "0.001 m"}},
+    )
     back = pyproj.Transformer.from_crs(crs.geodetic_crs, crs, always_xy=True)
 
     def velocity(px: float, py: float, seconds: float) -> tuple[float, float]:
@@ -239,218 +232,11 @@ position = {{ at = [-160.0, {start}], error = "0.001 m" }}
         return a * math.cos(turn) + b * math.sin(turn), b * math.cos(turn) - a * math.sin(turn)
 
     expected = integrated(math.radians(-160), math.radians(start), velocity, 20 * 3600, 60.0)
-    found = final(tmp_path / "case.toml")
+    found = final(path)
     way = float(sphere.distance(math.radians(-160), math.radians(start), *expected))
     assert 25_000 < way < 60_000
     # The regridded tile errs by 0.02 % of the speed: metres of the way.
     assert float(sphere.distance(*found, *expected)) < 15.0
-
-
-SEARCHED = """
-start = "2026-03-03T18:00Z"
-duration = "{hours} h"
-particles = {n}
-seed = 5
-uncertainty = "none"
-output.every = "{hours} h"
-clock.step = "{step}"
-[coast]
-source = "none"
-[[current]]
-constant = {{ speed = "{speed} kn", toward = 70 }}
-[[scenario]]
-name = "one"
-object = "water"
-position = {{ at = "{at} 000 00E", error = "{error} nmi" }}
-"""
-
-
-def searched(path: Path, sorties: str, **how: object) -> list[dict]:
-    """Return what the sorties of a case of SEARCHED told."""
-    path.write_text(SEARCHED.format(**how) + sorties)
-    return list(drift.run(drift.load(path)).summary["search"]["updates"])
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_maps")
-def test_a_search_over_the_pole_finds_what_the_same_search_at_the_equator_finds(
-    tmp_path: Path,
-) -> None:
-    """The globe turned so that its pole lies on the equator: places, legs, and a current in the
-    tangent plane.
-    """
-    # Offsets (east, north) [nmi] from the middle, as at the meridian of 0.
-    flown = [(-6.0, -5.0), (7.0, -3.0), (7.5, 0.5), (-5.0, 2.0), (-4.0, 6.0), (8.0, 5.0)]
-    ring = [(2.0, 1.0), (6.0, 2.0), (5.0, 5.0), (1.5, 4.0)]
-
-    def written(latitude: float, offsets: list[tuple[float, float]]) -> str:
-        each = []
-        for east, north in offsets:
-            lon, lat = sphere.destination(
-                0.0, math.radians(latitude), east * 1852.0, north * 1852.0
-            )
-            each.append(f"[{math.degrees(lon):.9f}, {math.degrees(lat):.9f}]")
-        return ", ".join(each)
-
-    pos = []
-    for at, latitude in (("00 00N", 0.0), ("90 00N", 90.0)):
-        sorties = f"""
-[[sortie]]
-name = "legs"
-start = "+70 min"
-sweep_width = "1.5 nmi"
-law = "inverse_cube"
-waypoints = [{written(latitude, flown)}]
-speed = "90 kn"
-[[sortie]]
-name = "legs of another law"
-start = "+71 min"
-sweep_width = "1.5 nmi"
-law = "definite_range"
-waypoints = [{written(latitude, flown)}]
-speed = "90 kn"
-[[sortie]]
-name = "area"
-area = {{ polygon = [{written(latitude, ring)}] }}
-start = "+2 h"
-end = "+210 min"
-law = "random"
-pod = 0.6
-"""
-        how = {"hours": 4, "n": 40_000, "step": "1 h", "speed": 1, "at": at, "error": 3}
-        pos.append(
-            [update["pos"]["all"] for update in searched(tmp_path / "case.toml", sorties, **how)]
-        )
-    # The same particles by seed and slot, but for the tangent plane's third order, 5 mm: one at an
-    # edge may differ.
-    assert pos[1] == pytest.approx(pos[0], abs=1 / 40_000)
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_maps")
-@pytest.mark.parametrize("step", [pytest.param("5 min", marks=pytest.mark.thorough), "1 h"])
-def test_a_pattern_drifts_with_its_datum_past_a_pole_as_past_any_point(
-    tmp_path: Path, step: str
-) -> None:
-    """An expanding square in the frame of a datum that drifts past the pole, a mile and a half from
-    it, on both sides.
-    """
-    pos = {}
-    for pole in (0, 1, -1):
-        lon, lat = np.degrees(sphere.destination(0.0, pole * math.pi / 2, 1.3 * 1852, -0.8 * 1852))
-        # The first leg leads 30 degrees east of what is north at the meridian of 0.
-        sortie = f"""
-[[sortie]]
-name = "square"
-start = "+10 min"
-sweep_width = "1 nmi"
-law = "inverse_cube"
-frame = "datum"
-speed = "12 kn"
-[sortie.pattern]
-kind = "square"
-datum = [{lon:.9f}, {lat:.9f}]
-spacing = "1 nmi"
-legs = 9
-orientation = {(30 + pole * lon) % 360:.6f}
-"""
-        at = ("00 00N", "90 00N", "90 00S")[pole]
-        how = {"hours": 4, "n": 10_000, "step": step, "speed": 1.5, "at": at, "error": 3}
-        (update,) = searched(tmp_path / "case.toml", sortie, **how)
-        pos[pole] = update["pos"]["all"]
-    # In a minute a marker goes 46 m, 2.8 km from the pole: its chord in lon and lat bulges by 0.1
-    # m, 5e-5 of a sweep width.
-    for pole in (1, -1):
-        assert pos[pole] == pytest.approx(pos[0], rel=5e-5)
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_maps")
-@pytest.mark.parametrize("pole", [-1])
-def test_the_area_of_a_pattern_round_a_pole_is_the_circle_about_it(
-    tmp_path: Path, pole: int
-) -> None:
-    """A sector search through the pole of 320 nmi:
-
-    POC is that of a circular normal whose 50 % circle has 250 nmi.
-    """
-    n, at = 4000, f"90 00{'N' if pole > 0 else 'S'}"
-    sortie = f"""
-[[sortie]]
-name = "sectors"
-start = "+70 min"
-sweep_width = "20 nmi"
-law = "inverse_cube"
-frame = "ground"
-pattern = {{ kind = "sector", datum = "{at} 000 00E", radius = "320 nmi", orientation = 20 }}
-speed = "280 kn"
-"""
-    how = {"hours": 16, "n": n, "step": "1 h", "speed": 0, "at": at, "error": 250}
-    (update,) = searched(tmp_path / "case.toml", sortie, **how)
-    expected = 1 - 2 ** -((320 / 250) ** 2)
-    # A circle is 36 corners, which leave out 0.2 %: a quarter of a standard error.
-    assert update["poc"]["all"] == pytest.approx(
-        expected, abs=4 * math.sqrt(expected * (1 - expected) / n)
-    )
-
-
-@pytest.mark.usefixtures("coarse_maps")
-@pytest.mark.parametrize("pole", [1, -1])
-@pytest.mark.parametrize("ends", [((-8, 2), (8, 2)), ((8, 0.5), (0.01, 0.6)), ((-8, 0.5), (0, 0))])
-def test_a_leg_beside_the_pole_passes_what_is_abeam(tmp_path: Path, pole: int, ends: tuple) -> None:
-    """M-beta counts a pass abeam by the leg's own course: in the plane of the pole, east and west
-    of the meridian of 0.
-    """
-
-    def at(x: float, y: float) -> str:
-        lat = pole * (90 - math.degrees(math.hypot(x, y) * 1852 / sphere.RADIUS))
-        return f"[{math.degrees(math.atan2(x, y)):.9f}, {lat:.9f}]"
-
-    (tmp_path / "case.toml").write_text(f"""
-start = "2026-03-01T00:00Z"
-duration = "2 h"
-particles = 4000
-uncertainty = "none"
-[clock]
-step = "1 h"
-[coast]
-source = "none"
-[[current]]
-constant = {{ east = 0, north = 0 }}
-[[scenario]]
-name = "a"
-object = "water"
-position = {{ at = {at(0, -2)}, error = "6 nmi" }}
-[[sortie]]
-name = "s"
-start = "+15 min"
-speed = "20 kn"
-law = {{ m_beta = 0.8 }}
-sweep_width = "1 nmi"
-waypoints = [{at(*ends[0])}, {at(*ends[1])}]
-""")
-    result = drift.run(drift.load(tmp_path / "case.toml"))
-    tracks = next(iter(drift.run_many([drift.load(tmp_path / "case.toml")])))
-    far = np.radians(90 - np.abs(tracks.lat[0])) * sphere.RADIUS / 1852
-    x, y = far * np.sin(np.radians(tracks.lon[0])), far * np.cos(np.radians(tracks.lon[0]))
-    (ax, ay), (bx, by) = ends
-    long = math.hypot(bx - ax, by - ay)
-    along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / long
-    across = np.abs((x - ax) * (by - ay) - (y - ay) * (bx - ax)) / long
-    passed = (along > 0) & (along < long) & (across < 0.5 / 0.8)
-    # Of 4000 particles two lie within the third order of the plane at an edge.
-    assert result.updates.all[0].pos[-1] == pytest.approx(0.8 * passed.mean(), abs=5e-4)
-
-
-@pytest.mark.parametrize(("latitude", "arrow"), [(89.9, False), (-88.5, False), (87.0, True)])
-def test_no_north_arrow_where_north_is_no_direction_of_the_paper(
-    latitude: float, arrow: bool
-) -> None:
-    frame = chart.frame(np.array([20.0, 30.0]), np.array([latitude - 0.05, latitude + 0.05]), 1.3)
-    axes = Figure().add_subplot()
-    chart.prepare(axes, frame)
-    chart.scale_bar(axes, frame, (0.015, 0.015))
-    assert ("N" in [text.get_text() for text in axes.texts]) == arrow
 
 
 @pytest.mark.thorough
@@ -458,35 +244,30 @@ def test_no_north_arrow_where_north_is_no_direction_of_the_paper(
     # [m/s] what an hour adds to an error of 100 years: std sqrt(2 h / time)
     ("pole", "error", "kick"),
     [
-        (1, 'std = "0.3 m/s", time = "876000 h"', 0.3 * math.sqrt(2 / 876_000)),
-        (-1, 'std = "0 m/s", bias = "0.3 m/s"', 0.0),
+        (1, {"std": "0.3 m/s", "time": "876000 h"}, 0.3 * math.sqrt(2 / 876_000)),
+        (-1, {"std": "0 m/s", "bias": "0.3 m/s"}, 0.0),
     ],
     ids=["error", "bias"],
 )
 def test_a_lasting_error_of_the_current_leads_over_a_pole_along_a_great_circle(
-    tmp_path: Path, pole: int, error: str, kick: float
+    tmp_path: Path, pole: int, error: dict[str, str], kick: float
 ) -> None:
     """What has one error all along is as far from its start after 12, 18 and 24 hours as the first
     six make it.
     """
-    (tmp_path / "case.toml").write_text(f"""
-start = "2026-03-03T18:00Z"
-duration = "24 h"
-particles = 1000
-seed = 5
-uncertainty = {{ diffusivity = "0 m2/s", current = {{ {error} }} }}
-output.every = "6 h"
-clock.step = "1 h"
-[coast]
-source = "none"
-[[current]]
-constant = {{ east = 0, north = 0 }}
-[[scenario]]
-name = "one"
-object = "water"
-position = {{ at = "90 00{"N" if pole > 0 else "S"} 000 00E", error = "3 nmi" }}
-""")
-    tracks = next(iter(drift.run_many([drift.load(tmp_path / "case.toml")])))
+    case = trial_case.load(
+        tmp_path,
+        start="2026-03-03T18:00Z",
+        duration="24 h",
+        particles=1000,
+        seed=5,
+        uncertainty={"diffusivity": "0 m2/s", "current": error},
+        output={"every": "6 h"},
+        clock={"step": "1 h"},
+        current={"constant": {"east": 0, "north": 0}},
+        scenario={"position": {"at": f"90 00{'N' if pole > 0 else 'S'} 000 00E", "error": "3 nmi"}},
+    )
+    tracks = next(iter(drift.run_many([case])))
     lon, lat = np.radians(tracks.lon), np.radians(tracks.lat)
     far = sphere.distance(lon[0], lat[0], lon, lat)
     assert far.shape == (5, 1000)
@@ -499,11 +280,3 @@ position = {{ at = "90 00{"N" if pole > 0 else "S"} 000 00E", error = "3 nmi" }}
     # mm, four times.
     tolerance = 4.5 * (walked + hours / 6 * walked[1]) + 0.5
     assert np.all(np.abs(far - np.arange(5)[:, None] * far[1]).max(axis=1) < tolerance)
-
-
-@pytest.mark.parametrize("pole", [1, -1])
-def test_a_chart_holds_cells_that_reach_over_the_pole(pole: int) -> None:
-    lon, lat = np.linspace(-180, 180, 50), pole * np.linspace(89.8, 90.0007, 50)
-    frame = chart.frame(lon, lat, 1.3)
-    assert np.isfinite([*frame.x, *frame.y]).all()
-    assert frame.holds(*frame.project(lon, lat)).all()

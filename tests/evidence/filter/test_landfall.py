@@ -8,30 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trial_case
 
 import drift
-from drift.case import file as case_file
 
 N = 40_000
-CASE = """
-title = "home"
-start = "2026-03-05T00:00Z"
-duration = "24 h"
-particles = {n}
-uncertainty = "none"
-coast = {{ source = "none" }}
-clock = {{ step = 3600 }}
-[[current]]
-constant = {{ speed = "{current} kn", toward = 90 }}
-[[scenario]]
-name = "yacht"
-overdue = "{overdue}"
-{radius}
-vessel = {{ land = "ignore", currents = "{currents}" }}
-[[scenario.phase]]
-voyage = {{ waypoints = [[179.9, -0.5], [179.9, 0.5]], speed = ["4 kn", "6 kn"], cross_track = "{off} nmi" }}
-{more}
-"""
 FAR = """
 [[sortie]]
 name = "elsewhere"
@@ -42,18 +23,42 @@ pod = 0.5
 """
 
 
-def ran(folder: Path, **given: Any) -> drift.Result:
-    path = folder / "case.toml"
-    values: dict[str, Any] = {
-        "n": N,
-        "current": 0,
-        "currents": "compensated",
-        "off": 0,
-        "radius": "",
-        "more": "",
-    } | given
-    path.write_text(CASE.format(**values), encoding="utf-8")
-    return drift.run(case_file.load(path))
+def case_of(
+    folder: Path,
+    *more: str,
+    n: int = N,
+    current: int = 0,
+    currents: str = "compensated",
+    off: int = 0,
+    **yacht: Any,
+) -> drift.Case:
+    """Return a voyage of 60 nmi home, in a current [kn] abeam; off: [nmi] its way; yacht: keys."""
+    voyage = {
+        "waypoints": [[179.9, -0.5], [179.9, 0.5]],
+        "speed": ["4 kn", "6 kn"],
+        "cross_track": f"{off} nmi",
+    }
+    return trial_case.load(
+        folder,
+        *more,
+        start="2026-03-05T00:00Z",
+        duration="24 h",
+        particles=n,
+        uncertainty="none",
+        clock={"step": 3600},
+        current={"constant": {"speed": f"{current} kn", "toward": 90}},
+        scenario={
+            "object": None,
+            "position": None,
+            "vessel": {"land": "ignore", "currents": currents},
+            "phase": [{"voyage": voyage}],
+            **yacht,
+        },
+    )
+
+
+def ran(folder: Path, *more: str, **given: Any) -> drift.Result:
+    return drift.run(case_of(folder, *more, **given))
 
 
 def close(found: float, share: float) -> None:
@@ -70,11 +75,11 @@ def test_whom_the_current_has_set_off_is_not_in_port(tmp_path: Path) -> None:
     """
     result = ran(
         tmp_path,
+        FAR,
         current=1,
         currents="felt",
         overdue="+11 h",
-        radius='arrival_radius = "12 nmi"',
-        more=FAR,
+        arrival_radius="12 nmi",
     )
     first, later, sortie, *rest = result.updates.all
     assert (first.kind, later.kind, sortie.kind) == ("overdue", "overdue", "sortie")
@@ -94,14 +99,14 @@ def test_whom_the_current_has_set_off_is_not_in_port(tmp_path: Path) -> None:
     assert (lon - 179.9) * 60 == pytest.approx(length * math.log(5 / 4), abs=0.05)
 
 
-@pytest.mark.parametrize(("radius", "nmi"), [("", 10.0), ('arrival_radius = "4 nmi"', 4.0)])
+@pytest.mark.parametrize(("radius", "nmi"), [({}, 10.0), ({"arrival_radius": "4 nmi"}, 4.0)])
 def test_what_kept_off_its_way_is_in_port_within_the_radius(
-    tmp_path: Path, radius: str, nmi: float
+    tmp_path: Path, radius: dict[str, str], nmi: float
 ) -> None:
     """Speed and side drawn in NumPy: in port is who has arrived, and is off the last way point by
     no more than the radius.
     """
-    result = ran(tmp_path, overdue="+12 h", off=6, radius=radius)
+    result = ran(tmp_path, overdue="+12 h", off=6, **radius)
     (only,) = result.updates.all
     rng = np.random.default_rng(5)
     speed, off = rng.uniform(4, 6, 1_000_000), rng.normal(0, 6, 1_000_000)
@@ -128,12 +133,7 @@ endurance = "2 h"
 daylight = false
 sweep_width = "1 nmi"
 """
-    (tmp_path / "case.toml").write_text(
-        CASE.format(
-            n=2000, current=0, currents="compensated", off=0, radius="", overdue="+11 h", more=unit
-        )
-    )
-    case = case_file.load(tmp_path / "case.toml")
+    case = case_of(tmp_path, unit, n=2000, overdue="+11 h")
     runtime.start()
     tracks = follow.follow(case, run_setup.open_for(case))
     length = math.radians(1) * 6_371_008.8 / 1852
@@ -149,15 +149,5 @@ sweep_width = "1 nmi"
 def test_a_radius_without_overdue_is_refused(tmp_path: Path) -> None:
     from geo.errors import UserError
 
-    text = CASE.format(
-        n=100,
-        current=0,
-        currents="compensated",
-        off=0,
-        radius='arrival_radius = "5 nmi"',
-        overdue="+1 h",
-        more="",
-    )
-    (tmp_path / "case.toml").write_text(text.replace('overdue = "+1 h"\n', ""))
     with pytest.raises(UserError, match="arrival_radius belongs to overdue"):
-        case_file.load(tmp_path / "case.toml")
+        case_of(tmp_path, arrival_radius="5 nmi")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import model_writers
 import numpy as np
 import pyproj
 import pytest
@@ -75,8 +76,8 @@ def rotated() -> xr.Dataset:
 
 
 def curved() -> xr.Dataset:
-    to, x, y, turn = writers.oblique()
-    lon, lat = writers.turned(to, x, y, turn)
+    to, x, y, turn = model_writers.oblique()
+    lon, lat = model_writers.turned(to, x, y, turn)
     values = (("time", "j", "i"), pod(lon, lat), ATTRIBUTES | {"coordinates": "lat lon"})
     return xr.Dataset(
         {"pod": values, "lon": (("j", "i"), lon), "lat": (("j", "i"), lat)}, {"time": writers.TIMES}
@@ -84,7 +85,7 @@ def curved() -> xr.Dataset:
 
 
 def mesh() -> xr.Dataset:
-    lon, lat, cells = writers.mesh()
+    lon, lat, cells = model_writers.mesh()
     return xr.Dataset(
         {
             "pod": (("time", "node"), pod(lon, lat), ATTRIBUTES),

@@ -1,25 +1,17 @@
-"""The coast against shapely: crossings, water, islands, the antimeridian, shoreline files, a real
-landing.
-"""
-
-import json
+"""The coast against shapely: crossings, water and islands."""
 
 import numpy as np
 import pytest
 import shapely
-import xarray as xr
-from places import DATA
+from coast_steps import UNITS, coast_of, on_lattice, segments, square, steps_within
 
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges, shore
 from geo.coast.shore import Shore
-from geo.errors import UserError
 from kernels.runtime import runtime
 from kernels.step import coast as crossing
 
-UNITS = sphere.TURN / 360.0  # binary angle units in a degree
-METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [unit] northward
 NORWAY = Box(2.5, 59.3, 7.5, 63.0)
 
 
@@ -41,13 +33,6 @@ def norway():
     return built, crossing.upload(built), polygons, shapely.boundary(polygons)
 
 
-def data(name):
-    path = DATA / name
-    if not path.exists():
-        pytest.skip(f"no {path}: set DRIFT_DATA")
-    return path
-
-
 @pytest.mark.parametrize("turn", [0, 360])
 def test_a_coast_covers_boxes_inside_it_alone(turn):
     """A grid from 176 E over the antimeridian to 178 W; longitudes as they are, or a turn on."""
@@ -63,44 +48,6 @@ def test_a_coast_covers_boxes_inside_it_alone(turn):
         assert edges.covers(coast, Box(west - turn, -19.0, east - turn, -17.0)) == inside
     assert not edges.covers(coast, Box(177.0, -22.0, 178.0, -17.0))
     assert not edges.covers(coast, Box(177.0, -19.0, 178.0, -14.0))
-
-
-def on_lattice(polygons):
-    """Return polygons [deg] as one multipolygon of lattice units; whole numbers, so shapely's
-    predicates are exact.
-    """
-    return shapely.transform(shapely.multipolygons(polygons), lambda x: np.rint(x * UNITS))
-
-
-def segments(lon, lat, dlon, dlat):
-    ends = np.stack([lon, lat, lon + dlon, lat + dlat], axis=1).astype(np.float64)
-    return shapely.linestrings(ends.reshape(-1, 2, 2))
-
-
-def steps_within(box, rng, n, length):
-    """Return n random steps [unit] of a length [m] that stay in a box, as int64."""
-    lon, lat = (
-        rng.uniform(box.west, box.east, n) * UNITS,
-        rng.uniform(box.south, box.north, n) * UNITS,
-    )
-    course = rng.uniform(0, 2 * np.pi, n)
-    stretch = 1 / np.cos(lat / UNITS * np.pi / 180)
-    dlon, dlat = length * METRE * np.sin(course) * stretch, length * METRE * np.cos(course)
-    inside = (lon + dlon > box.west * UNITS) & (lon + dlon < box.east * UNITS)
-    inside &= (lat + dlat > box.south * UNITS) & (lat + dlat < box.north * UNITS)
-    return [np.rint(a[inside]).astype(np.int64) for a in (lon, lat, dlon, dlat)]
-
-
-def square(west, south, east, north):
-    return shapely.box(west, south, east, north)
-
-
-def coast_of(polygons, box, **options):
-    built = edges.build_coast(Shore(np.array(polygons, object), "test"), box, **options)
-    return built, crossing.upload(built)
-
-
-# Crossings
 
 
 @pytest.mark.parametrize(
@@ -257,9 +204,6 @@ def test_open_sea_look_up_hides_no_crossing(norway):
     np.testing.assert_array_equal(crossing.crossings(device, lon, lat, dlon, dlat).hit, expected)
 
 
-# Water
-
-
 def test_water_agrees_with_shapely(norway):
     built, device, land, lines = norway
     rng = np.random.default_rng(5)
@@ -324,226 +268,6 @@ def test_no_coast():
     assert crossing.wet(device, [0], [0]).all()
 
 
-# Antimeridian and globe
-
-
-def test_island_cut_at_the_antimeridian_is_whole(tmp_path):
-    """A file whose island is cut at 180, with other vertices on the two sides of the cut, has no
-    shore along it.
-    """
-    west = shapely.Polygon(
-        [(179.5, -17.2), (180, -17.1), (180, -16.5), (180, -16.0), (179.6, -16.3)]
-    )
-    east = shapely.Polygon([(-180, -17.1), (-179.7, -16.9), (-180, -16.0)])
-    path = tmp_path / "island.geojson"
-    path.write_text(shapely.to_geojson(shapely.MultiPolygon([west, east])))
-    box = Box(177, -19, 183, -14)
-    land = shore.read_land(path, box)
-    assert len(land.polygons) == 1
-    built = edges.build_coast(land, box)
-    device = crossing.upload(built)
-    rng = np.random.default_rng(11)
-    lon, lat, dlon, dlat = steps_within(box, rng, 20_000, 30_000)
-    whole = on_lattice(land.polygons)
-    wrapped = ((lon + 2**31) % 2**32 - 2**31).astype(np.int32)
-    inland = shapely.intersects_xy(whole, lon, lat)
-    np.testing.assert_array_equal(edges.is_land(built, wrapped, lat), inland)
-    np.testing.assert_array_equal(crossing.wet(device, wrapped, lat), ~inland)
-    assert edges.is_land(
-        built, sphere.to_binary([180.0, -180.0]), sphere.to_binary([-16.4, -16.4])
-    ).all()
-    lon, lat, dlon, dlat, wrapped = (a[~inland] for a in (lon, lat, dlon, dlat, wrapped))
-    found = crossing.crossings(device, wrapped, lat, dlon, dlat)
-    np.testing.assert_array_equal(
-        found.hit, shapely.intersects(whole, segments(lon, lat, dlon, dlat))
-    )
-    free = ~found.hit
-    # some ended east of 180, as binary angles below zero
-    assert (sphere.to_degrees(found.lon[free]) < 0).any()
-    assert (sphere.to_degrees(found.lon[free]) > 0).any()
-
-
-def test_fiji_has_no_shore_along_the_antimeridian():
-    box = Box(178, -18, 182, -15)
-    built = edges.build_coast(shore.read_land("gshhg", box), box)
-    edge = edges.shoreline_edges(built)
-    along = (edge[:, 0] == -(2**31)) & (edge[:, 2] == -(2**31))
-    assert not along.any()
-    # Taveuni, which GSHHG cuts at 180
-    inside = sphere.to_binary([180.0, -180.0, 179.999, -179.999])
-    assert edges.is_land(built, inside, sphere.to_binary([-16.9] * 4)).all()
-
-
-def test_globe_closes_at_its_seam():
-    """Round the whole Earth: land that is cut at 180 has no shore there, land that ends there has
-    one.
-    """
-    pieces = [square(170, 10, 180, 20), square(-180, 10, -175, 20), square(175, 30, 180, 40)]
-    pieces.append(shapely.Polygon([(-180, -90), (180, -90), (180, -78), (-180, -78)]))
-    built, device = coast_of(pieces, Box(-180, -90, 180, 90), max_cells=10**6)
-    assert built.nx << built.shift == sphere.TURN
-    lon, lat = (
-        sphere.to_binary([180, -180, 179.9, -179.9, 180, -179.9]),
-        sphere.to_binary([15, 15, 15, 15, 35, 35]),
-    )
-    np.testing.assert_array_equal(
-        crossing.wet(device, lon, lat), [False, False, False, False, False, True]
-    )
-    np.testing.assert_array_equal(
-        edges.is_land(built, lon, lat), [True, True, True, True, True, False]
-    )
-    assert edges.is_land(
-        built, sphere.to_binary([-180.0, 0, 123]), sphere.to_binary([-80.0] * 3)
-    ).all()
-
-    def go(lon, lat, east, north):
-        dlon, dlat = int(east * UNITS), int(north * UNITS)
-        return crossing.crossings(
-            device, sphere.to_binary([lon]), sphere.to_binary([lat]), [dlon], [dlat]
-        )
-
-    assert not go(179, 25, 3, 2).hit[0]
-    westward = go(-179, 35, -3, 0.5)
-    assert westward.hit[0]
-    assert westward.lon[0] == -(2**31) + 1
-    assert westward.fraction[0] == pytest.approx(1 / 3, abs=1e-6)
-    assert go(-170, 15, -20, 1).fraction[0] == pytest.approx(0.25, abs=1e-6)
-    assert go(-178, 5, -4, 10).hit[0]
-    assert go(179, -70, 5, -10).fraction[0] == pytest.approx(0.8, abs=1e-6)
-    # Near the seam, distances to the coast count round it.
-    x = (int(sphere.to_binary(-174.0)) - built.lon0) >> built.shift
-    y = (int(sphere.to_binary(15.0)) - built.lat0) >> built.shift
-    assert built.cell[y * built.nx + x] & 127 < 20
-
-
-# Shorelines
-
-
-@pytest.mark.parametrize(
-    ("name", "box", "wet", "dry"),
-    [
-        ("louisiana/LA_shoreline.bna", Box(-92, 28, -88, 31), (-90.10, 30.20), (-91.15, 30.45)),
-        ("washington/wa_coast.bna", Box(-126, 46.6, -123.6, 49), (-125.0, 47.5), (-123.9, 47.7)),
-    ],
-)
-def test_noaa_shoreline(name, box, wet, dry):
-    land = shore.read_land(data(name), box)
-    assert any("map bounds" in note for note in land.notes)
-    built = edges.build_coast(land, box)
-    points = sphere.to_binary([wet, dry])
-    np.testing.assert_array_equal(edges.is_land(built, points[:, 0], points[:, 1]), [False, True])
-    # the frame of the map is not land
-    assert not edges.is_land(built, *sphere.to_binary([box.west, box.south]))
-    if "louisiana" in name:
-        assert any("10 lakes" in note for note in land.notes)
-        lake = sphere.to_binary([-90.499, 30.257])  # Lake Maurepas, a record of type 2
-        assert not edges.is_land(built, *lake)
-
-
-def test_self_crossing_shoreline_is_repaired(tmp_path):
-    bow = {"type": "Polygon", "coordinates": [[[0, 0], [2, 2], [2, 0], [0, 2], [0, 0]]]}
-    path = tmp_path / "bow.geojson"
-    path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": bow}))
-    land = shore.read_land(path, Box(-1, -1, 3, 3))
-    assert any("1 of 1" in note and "repaired" in note for note in land.notes)
-    built = edges.build_coast(land, Box(-1, -1, 3, 3))
-    lon, lat = sphere.to_binary([0.5, 1.5, 1.0, 1.0]), sphere.to_binary([1.0, 1.0, 0.5, 1.5])
-    np.testing.assert_array_equal(edges.is_land(built, lon, lat), [True, True, False, False])
-
-
-def test_overlapping_polygons_are_joined(tmp_path):
-    path = tmp_path / "two.geojson"
-    path.write_text(
-        shapely.to_geojson(shapely.MultiPolygon([square(0, 0, 2, 1), square(1, 0.5, 3, 2)]))
-    )
-    built = edges.build_coast(shore.read_land(path, Box(-1, -1, 4, 3)), Box(-1, -1, 4, 3))
-    assert edges.is_land(built, *sphere.to_binary([1.5, 0.75]))
-
-
-def test_shapefile_in_metres(tmp_path):
-    pyogrio = pytest.importorskip("pyogrio")
-    # UTM 32 N, so 9 E
-    x, y = 500_000 + np.array([0, 60_000, 60_000]), 6_700_000 + np.array([0, 0, 40_000])
-    ring = shapely.Polygon(np.stack([x, y], 1))
-    pyogrio.raw.write(
-        tmp_path / "utm.shp",
-        np.array([shapely.to_wkb(ring)]),
-        [],
-        [],
-        geometry_type="Polygon",
-        crs="EPSG:32632",
-    )
-    land = shore.read_land(tmp_path / "utm.shp", Box(8, 59, 12, 62))
-    assert any("UTM" in note for note in land.notes)
-    west, south, _, _ = shapely.total_bounds(land.polygons)
-    assert west == pytest.approx(9.0, abs=1e-6)
-    assert 60.3 < south < 60.5
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        ("gone.bna", None, "no such file"),
-        ("text.bna", "hello\n", "line 1"),
-        ("short.bna", '"1","1",4\n0,0\n1,1\n', "needs 4 lines"),
-        ("nan.bna", '"1","1",3\n0,0\n1,nan\n1,1\n', "needs 3 lines"),
-        ("line.bna", '"1","1",-3\n0,0\n1,0\n1,1\n', "no land polygon"),
-        ("metres.bna", '"1","1",3\n500000,6700000\n600000,6700000\n500000,6800000\n', "degrees"),
-        ("empty.geojson", '{"type": "FeatureCollection", "features": []}', "no land polygon"),
-        (
-            "line.geojson",
-            '{"type": "LineString", "coordinates": [[0, 0], [1, 1]]}',
-            "no land polygon",
-        ),
-        ("broken.geojson", '{"type": "Poly', "cannot be read"),
-        ("broken.shp", "nothing", "cannot be read"),
-    ],
-)
-def test_bad_shoreline_is_one_clear_line(tmp_path, name, content, words):
-    path = tmp_path / name
-    if content is not None:
-        path.write_text(content)
-    with pytest.raises(UserError, match=words) as error:
-        shore.read_land(path, Box(0, 0, 2, 2))
-    assert "\n" not in str(error.value)
-    assert name in str(error.value)
-
-
-def test_a_shoreline_elsewhere_is_said(tmp_path):
-    path = tmp_path / "far.bna"
-    path.write_text('"1","1",3\n50,0\n51,0\n51,1\n')
-    assert any("none of its land" in note for note in shore.read_land(path, Box(0, 0, 2, 2)).notes)
-
-
 def test_land_beyond_the_cut_is_refused(norway):
     with pytest.raises(ValueError, match="does not hold"):
         edges.build_coast(shore.read_land("none", Box(0, 0, 2, 2)), Box(0, 0, 5, 2))
-
-
-# A real landing
-
-
-def test_buoy_lands_on_hopen():
-    """UIB-2022-TILL-01 went ashore on 2022-10-18 between 20:00 and 20:30 UTC: its track's one and
-    only crossing.
-    """
-    with xr.open_dataset(data("barents/barents.nc")) as file:
-        buoy = file.isel(trajectory=file.drifter_names.values.tolist().index("UIB-2022-TILL-01"))
-        fixed = ~np.isnat(buoy.time.values)
-        time = buoy.time.values[fixed].astype("datetime64[s]")
-        lon, lat = (
-            sphere.to_binary(buoy.lon.values[fixed]),
-            sphere.to_binary(buoy.lat.values[fixed]),
-        )
-    box = Box(16, 74, 31, 78)
-    device = crossing.upload(edges.build_coast(shore.read_land("gshhg", box), box))
-    afloat = np.flatnonzero(crossing.wet(device, lon[:-1], lat[:-1]))
-    found = crossing.crossings(
-        device, lon[afloat], lat[afloat], (lon[1:] - lon[:-1])[afloat], (lat[1:] - lat[:-1])[afloat]
-    )
-    first = np.flatnonzero(found.hit)[0]
-    i = afloat[first]
-    landing = time[i] + (time[i + 1] - time[i]) * float(found.fraction[first])
-    assert np.datetime64("2022-10-18T20:00") < landing < np.datetime64("2022-10-18T20:31")
-    assert crossing.wet(device, lon[: i + 1], lat[: i + 1]).all()
-    assert sphere.to_degrees(found.lon[first]) == pytest.approx(25.107, abs=0.002)

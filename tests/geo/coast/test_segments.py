@@ -1,37 +1,28 @@
 """Segments against pyproj's lengths on the same sphere, shapely, and islands cut by hand."""
 
-import json
-
 import numpy as np
-import pyproj
 import pytest
 import shapely
 from shapely.ops import substring
+from stretches_of_coast import (
+    AROUND,
+    ATOL,
+    DEGREE,
+    EARTH,
+    FIJI,
+    ISLAND,
+    check,
+    coast_of,
+    edge_lengths,
+    geojson,
+    rectangle,
+)
 
-from geo import notation, sphere
+from geo import notation
 from geo.box import Box
 from geo.coast import edges, segments, shore
 from geo.coast.shore import Shore
 from geo.errors import UserError
-
-EARTH = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)
-DEGREE = np.pi * sphere.RADIUS / 180  # [m] of latitude
-# [m] a kilometre of float64 great circles by two formulas: 1e-9 of the radius in the worst case
-ATOL = 1e-3
-FIJI = Box(178, -18, 182, -15)
-
-
-def rectangle(west, south, east, north, step):
-    """Return a rectangle with a vertex every `step` [deg]."""
-    return shapely.segmentize(shapely.box(west, south, east, north), step)
-
-
-def coast_of(polygons, box):
-    return edges.build_coast(Shore(np.array(polygons, object), "test"), box)
-
-
-ISLAND = rectangle(10.0, -0.15, 10.4, 0.1, 0.0099)  # an edge is at most 1.1 km long
-AROUND = Box(9.5, -0.6, 11.0, 0.5)
 
 
 @pytest.fixture(scope="module")
@@ -42,44 +33,6 @@ def island():
 @pytest.fixture(scope="module")
 def fiji():
     return edges.build_coast(shore.read_land("gshhg", FIJI), FIJI)
-
-
-def edge_lengths(built):
-    edge = sphere.to_degrees(edges.shoreline_edges(built))
-    return EARTH.inv(edge[:, 0], edge[:, 1], edge[:, 2], edge[:, 3])[2]
-
-
-def geojson(path, *features):
-    """Write features (geometry, properties) as a collection."""
-    rows = [
-        {
-            "type": "Feature",
-            "properties": words,
-            "geometry": json.loads(shapely.to_geojson(shape)) if shape else None,
-        }
-        for shape, words in features
-    ]
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": rows}))
-    return path
-
-
-def check(built, cut):
-    """Hold what is true of any segments: every edge in one, lengths, lines, midpoints."""
-    size, number = edge_lengths(built), len(cut.name)
-    assert cut.of_edge.shape == size.shape
-    assert cut.of_edge.dtype == np.int32
-    np.testing.assert_array_equal(np.unique(cut.of_edge), np.arange(number))
-    np.testing.assert_allclose(cut.length, np.bincount(cut.of_edge, size), atol=ATOL)
-    np.testing.assert_allclose(cut.length.sum(), size.sum(), rtol=1e-9)
-    np.testing.assert_allclose(
-        [EARTH.geometry_length(line) for line in cut.lines], cut.length, rtol=1e-9, atol=ATOL
-    )
-    assert len(set(cut.name)) == len(cut.access) == number
-    assert (np.abs(cut.lon) <= 180).all()
-    # Midpoints lie on their own lines: 1e-9 degrees are a tenth of a millimetre.
-    east = np.array([line.bounds[0] for line in cut.lines]) - 1e-6
-    places = shapely.points(east + (cut.lon - east) % 360, cut.lat)
-    assert shapely.distance(cut.lines, places).max(initial=0) < 1e-9
 
 
 def test_ids_are_the_same_in_every_domain_and_name_what_lies_there():
@@ -133,9 +86,6 @@ def test_a_real_mainland_has_the_same_stretches_in_every_domain():
         assert wide.length[same] == pytest.approx(narrow.length[k], abs=ATOL)
         assert wide.name[same] == narrow.name[k]
     assert any(narrow.id[k] not in shared for k in range(len(narrow.id)))
-
-
-# Cut by length
 
 
 def test_an_island_by_hand(island):
@@ -291,9 +241,6 @@ def test_lengths_that_are_none(island, length):
         segments.cut_coast(island, length)
 
 
-# Real coasts
-
-
 @pytest.mark.parametrize("box", [FIJI, Box(4.5, 60, 6.5, 61.5), Box(-91, 28.5, -88.5, 30.5)])
 def test_real_coasts(box):
     built = edges.build_coast(shore.read_land("gshhg", box), box)
@@ -310,9 +257,6 @@ def test_real_coasts(box):
     # Between landmarks, which are at least four stretches apart, it is within an eighth.
     assert np.median(cut.length[alone]) == pytest.approx(10_000, rel=1 / 8)
     assert alone.sum() > 20
-
-
-# Across the antimeridian
 
 
 def test_taveuni_is_one_ring_across_the_antimeridian(fiji):
@@ -379,165 +323,3 @@ def test_nearest_from_both_sides_of_180(fiji):
         segments.nearest_segment(cut, fiji, -179.9999, -17.2),
     )
     assert west[1] == pytest.approx(east[1], abs=30)  # the two lie 21 m apart
-
-
-# The user's own
-
-
-def test_named_stretches(island, tmp_path):
-    """A polygon over the west coast, a line 300 m off the east coast: edges by their midpoints, the
-    rest by length.
-    """
-    path = geojson(
-        tmp_path / "beaches.geojson",
-        (shapely.box(9.9, -0.1, 10.05, 0.05), {"name": "West  End", "access": "town"}),
-        (shapely.LineString([(10.4027, -0.05), (10.4027, 0.05)]), {"name": "East Beach"}),
-    )
-    cut = segments.read_named_segments(island, path)
-    check(island, cut)
-    assert cut.name[:2] == ("West End", "East Beach")
-    assert cut.access[:3] == ("town", "", "")
-    longest = edge_lengths(island).max()
-    # each end within half an edge
-    assert cut.length[0] == pytest.approx(0.15 * DEGREE, abs=longest)
-    assert cut.length[1] == pytest.approx(0.10 * DEGREE, abs=longest)
-    assert cut.lines[0].geom_type == cut.lines[1].geom_type == "LineString"
-    assert (cut.lon[0], cut.lon[1]) == (pytest.approx(10, abs=1e-6), pytest.approx(10.4, abs=1e-6))
-    # What is left are two chains, north and south, each cut by itself.
-    south = cut.lat[2:] < -0.05
-    for chain in (cut.length[2:][south], cut.length[2:][~south]):
-        assert len(chain) == round(chain.sum() / 10_000)
-        assert np.ptp(chain) <= 2 * longest
-
-
-def test_lines_that_compete_share_by_nearness(island, tmp_path):
-    path = geojson(
-        tmp_path / "two.geojson",
-        (shapely.LineString([(10.402, -0.08), (10.402, 0.0)]), {"name": "south"}),
-        (
-            shapely.MultiLineString(
-                [[(10.402, 0.0), (10.402, 0.04)], [(10.402, 0.04), (10.402, 0.08)]]
-            ),
-            {"name": 7},
-        ),
-    )
-    cut = segments.read_named_segments(island, path)
-    check(island, cut)
-    assert cut.name[:2] == ("south", "7")
-    longest = edge_lengths(island).max()
-    assert cut.length[:2] == pytest.approx([0.08 * DEGREE] * 2, abs=longest)
-    assert cut.lines[0].bounds[3] == pytest.approx(0, abs=0.01)
-
-
-@pytest.mark.parametrize("turn", [-360, 0])
-def test_named_across_the_antimeridian(fiji, tmp_path, turn):
-    """A polygon round Taveuni that jumps from 179 to -179, as most programs write it, or leaves
-    -180..180.
-    """
-    x, y = np.array([179.8, -179.7, -179.7, 179.8]), np.array([-17.05, -17.05, -16.6, -16.6])
-    ring = shapely.Polygon(np.stack([np.where(x < 0, x, x + turn), y], axis=1))
-    cut = segments.read_named_segments(
-        fiji, geojson(tmp_path / "t.geojson", (ring, {"name": "Taveuni"}))
-    )
-    check(fiji, cut)
-    whole = shapely.box(179.8, -17.05, 180.3, -16.6)
-    edge = edges.shoreline_edges(fiji).astype(np.int64)
-    lon = (edge[:, 0] + ((edge[:, 2] - edge[:, 0] + 2**31) % 2**32 - 2**31) / 2) * 360 / 2**32 % 360
-    lat = (edge[:, 1] + edge[:, 3]) / 2 * 360 / 2**32
-    np.testing.assert_array_equal(cut.of_edge == 0, shapely.intersects_xy(whole, lon, lat))
-    assert cut.lines[0].bounds[0] < 180 < cut.lines[0].bounds[2]
-
-
-def test_a_feature_alone(island, tmp_path):
-    path = tmp_path / "one.geojson"
-    shape = json.loads(shapely.to_geojson(shapely.box(9.9, -1, 10.2, 1)))
-    path.write_text(
-        json.dumps({"type": "Feature", "properties": {"name": "west"}, "geometry": shape})
-    )
-    assert segments.read_named_segments(island, path, 1e6).name[0] == "west"
-
-
-def test_a_name_of_the_rest_may_be_taken(island, tmp_path):
-    taken = segments.read_named_segments(
-        island,
-        geojson(tmp_path / "a.geojson", (shapely.box(9.9, -1, 10.2, 1), {"name": "x"})),
-        1e6,
-    ).name[1]
-    path = geojson(tmp_path / "b.geojson", (shapely.box(9.9, -1, 10.2, 1), {"name": taken}))
-    assert segments.read_named_segments(island, path, 1e6).name == (taken, f"{taken} (2)")
-
-
-BOX = {"type": "Polygon", "coordinates": [[[10, -1], [10.2, -1], [10.2, 1], [10, 1], [10, -1]]]}
-
-
-def row(geometry, **properties):
-    return {"type": "Feature", "properties": properties, "geometry": geometry}
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (None, "no such file"),
-        ("{broken", "not GeoJSON"),
-        ("\x00\xff", "not GeoJSON"),
-        ("[" * 100_000, "not GeoJSON"),
-        ("[1, 2]", "not a GeoJSON FeatureCollection"),
-        (BOX, "not a GeoJSON FeatureCollection"),
-        ([], "holds no feature"),
-        ([7], "feature 1: is no GeoJSON Feature"),
-        ([row(BOX)], "feature 1: has no name"),
-        ([row(BOX, name="a"), row(BOX, name=" ")], "feature 2: has no name"),
-        ([row(BOX, name=None)], "has no name"),
-        ([row(BOX, name="a"), row(BOX, name="a")], 'feature 2: name "a" comes twice'),
-        ([row(BOX, name="a", access=3)], '"a": access is 3'),
-        ([row(None, name="a")], "feature without geometry"),
-        (
-            [row({"type": "Point", "coordinates": [10, 0]}, name="a")],
-            '"a" is a Point; must be a line or a polygon',
-        ),
-        ([row({"type": "LineString", "coordinates": [[10, 0]]}, name="a")], '"a"'),
-        ([row({"type": "LineString", "coordinates": "here"}, name="a")], '"a"'),
-        ([row({"type": "LineString", "coordinates": []}, name="a")], "empty"),
-        (
-            [row({"type": "LineString", "coordinates": [[500000, 0], [500001, 0]]}, name="a")],
-            "must be degrees",
-        ),
-        (
-            [row({"type": "LineString", "coordinates": [[10, 95], [10, 96]]}, name="a")],
-            "must be degrees",
-        ),
-        (
-            [row({"type": "Polygon", "coordinates": [[[1, 1], [2, 1], [1, 1], [1, 1]]]}, name="a")],
-            "without area",
-        ),
-        ([row(BOX, name="a"), row(BOX, name="b")], '"b" belongs to others'),
-        # Half a degree west of the island, 55.6 km, and 100 m long.
-        (
-            [row({"type": "LineString", "coordinates": [[9.5, 0], [9.5, 0.001]]}, name="off")],
-            r"coast is 55\.6 km",
-        ),
-        (
-            [
-                row(
-                    {
-                        "type": "Polygon",
-                        "coordinates": [[[9.4, 0], [9.6, 0], [9.5, 0.01], [9.4, 0]]],
-                    },
-                    name="off",
-                )
-            ],
-            " km",
-        ),
-    ],
-)
-def test_bad_files_are_one_clear_line(island, tmp_path, content, words):
-    path = tmp_path / "mine.geojson"
-    if isinstance(content, list):
-        content = {"type": "FeatureCollection", "features": content}
-    if content is not None:
-        path.write_text(content if isinstance(content, str) else json.dumps(content))
-    with pytest.raises(UserError, match=words) as error:
-        segments.read_named_segments(island, path)
-    assert "\n" not in str(error.value)
-    assert "mine.geojson" in str(error.value)
-    assert len(str(error.value)) < 400

@@ -17,6 +17,7 @@ import hostile
 import netCDF4
 import numpy as np
 import pytest
+import trial_case
 from pace import Watch
 
 import drift
@@ -57,22 +58,15 @@ def none_left() -> object:
 
 
 def case_file(folder: Path, url: str, more: str = "") -> Path:
-    path = folder / "far.toml"
-    path.write_text(f"""
-title = "far"
-start = "2024-03-01T00:00Z"
-duration = "2 h"
-particles = 500
-clock.step = "10 min"
-[[current]]
-files = "{url}"
-{more}
-[[scenario]]
-name = "a"
-object = "water"
-position = {{ at = "38 30S 179 30W", error = "1 km" }}
-""")
-    return path
+    return trial_case.write(
+        folder,
+        f'[[current]]\nfiles = "{url}"\n{more}',
+        start="2024-03-01T00:00Z",
+        duration="2 h",
+        clock={"step": "10 min"},
+        current=None,
+        scenario={"position": {"at": "38 30S 179 30W", "error": "1 km"}},
+    )
 
 
 @pytest.mark.thorough

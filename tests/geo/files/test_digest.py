@@ -7,6 +7,7 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
+import trial_case
 import writers
 
 import drift
@@ -14,26 +15,6 @@ from geo.errors import UserError
 from geo.files import digest
 from geo.forcing import sources
 
-CASE = """
-start = "2026-03-01T00:00Z"
-duration = "3 h"
-particles = 50
-[coast]
-source = "none"
-[[current]]
-files = "{files}"
-steady = true
-[[scenario]]
-name = "a"
-object = "water"
-position = {{ at = [4.6, 60.0], error = "3 nmi" }}
-[[sortie]]
-name = "boat"
-speed = "8 kn"
-start = "+30 min"
-sweep_width = "0.4 nmi"
-track = "boat.gpx"
-"""
 GPX = """<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><rte>
 <rtept lat="60.01" lon="4.55"/><rtept lat="59.98" lon="4.66"/></rte></gpx>"""
 
@@ -79,8 +60,23 @@ def test_digests_are_sha256_of_all_that_is_there(tmp_path: Path) -> None:
 def test_a_summary_holds_the_digest_of_every_input_file(tmp_path: Path) -> None:
     files = [current(tmp_path / "current.nc"), tmp_path / "boat.gpx"]
     files[1].write_text(GPX)
-    (tmp_path / "a.toml").write_text(CASE.format(files=files[0]))
-    drift.run(drift.load(tmp_path / "a.toml"), out=tmp_path / "out")
+    boat = {
+        "name": "boat",
+        "speed": "8 kn",
+        "start": "+30 min",
+        "sweep_width": "0.4 nmi",
+        "track": "boat.gpx",
+    }
+    case = trial_case.load(
+        tmp_path,
+        start="2026-03-01T00:00Z",
+        duration="3 h",
+        particles=50,
+        current={"files": files[0], "steady": True},
+        scenario={"position": {"at": [4.6, 60.0], "error": "3 nmi"}},
+        sortie=[boat],
+    )
+    drift.run(case, out=tmp_path / "out")
     inputs = json.loads((tmp_path / "out" / "summary.json").read_text())["inputs"]
     wanted = {
         str(f.resolve()): (f"sha256:{hashlib.sha256(f.read_bytes()).hexdigest()}", f.stat().st_size)

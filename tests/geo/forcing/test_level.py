@@ -8,6 +8,7 @@ from typing import Any
 import linear
 import numpy as np
 import pytest
+import trial_case
 import xarray as xr
 
 from drift.apps.cli.commands import main
@@ -213,29 +214,19 @@ def test_a_case_names_a_level_by_a_number(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     saved(tmp_path / "aloft.nc", "wind", "isobaricInhPa", [1000.0, 850.0], {"units": "hPa"})
-    case = """
-        start = "050000ZMAR24"
-        duration = "2 h"
-        particles = 200
-        coast.source = "none"
-        [[wind]]
-        files = "aloft.nc"
-        steady = true
-        {variables}
-        [[current]]
-        constant = {{ speed = "0.5 kn", toward = 90 }}
-        [[scenario]]
-        name = "raft"
-        object = "PIW-1"
-        position = {{ at = [4.0, 57.75], error = "1 nmi", time = "050000ZMAR24" }}
-        """
-    path = tmp_path / "trial.toml"
-    path.write_text(case.format(variables=""))
+    wind = {"files": "aloft.nc", "steady": True}
+    here = {
+        "start": "050000ZMAR24",
+        "duration": "2 h",
+        "scenario": {"object": "PIW-1", "position": {"at": [4.0, 57.75], "error": "1 nmi"}},
+    }
+    path = trial_case.write(tmp_path, wind=wind, **here)
     assert main(["check", str(path)]) != 0
     told = capsys.readouterr().err
     assert "1000, 850 hPa" in told
     assert "variables.isobaricInhPa" in told
-    path.write_text(case.format(variables="variables = { isobaricInhPa = 1 }"))
+    wind["variables"] = {"isobaricInhPa": 1}
+    trial_case.write(tmp_path, wind=wind, **here)
     assert main(["check", str(path)]) == 0
     assert "index 1 of 2 along isobaricInhPa, as the case says" in " ".join(
         capsys.readouterr().out.split()

@@ -14,6 +14,7 @@ import dask.array
 import numpy as np
 import pandas as pd
 import pytest
+import trial_case
 import xarray as xr
 from dask.callbacks import Callback
 
@@ -227,26 +228,18 @@ def test_what_is_lazy_is_read_slice_by_slice(
     assert isinstance(data.u.data, dask.array.Array)
 
 
-CASE = """
-start = "211200ZNOV26"
-duration = "30 h"
-particles = 2000
-coast.source = "none"
-domain = {{ west = 179.0, east = -179.0, south = -18.0, north = -16.4 }}
-max_lost = 1.0
-[[current]]
-name = "model"
-{source}
-[[scenario]]
-name = "water"
-object = "water"
-position = {{ at = [179.9, -17.3], std = "2 km" }}
-"""
-
-
 def case_of(folder: Path, source: str) -> drift.Case:
-    (folder / "case.toml").write_text(CASE.format(source=source))
-    return drift.load(folder / "case.toml")
+    return trial_case.load(
+        folder,
+        f'[[current]]\nname = "model"\n{source}',
+        start="211200ZNOV26",
+        duration="30 h",
+        particles=2000,
+        max_lost=1.0,
+        domain={"west": 179.0, "east": -179.0, "south": -18.0, "north": -16.4},
+        current=None,
+        scenario={"position": {"at": [179.9, -17.3], "std": "2 km"}},
+    )
 
 
 @pytest.mark.thorough

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trial_case
 import xarray as xr
 
 import drift
@@ -124,35 +125,29 @@ def integrated(
     return place, way
 
 
-CASE = """
-start = "{start}"
-duration = "24 h"
-direction = "{direction}"
-particles = 10
-max_lost = {max_lost}
-coast.source = "none"
-uncertainty = "none"
-clock.step = "10 min"
-domain = {{ west = 177.0, east = -177.0, south = -20.0, north = -14.0 }}
-{sources}
-"""
-WATER = """[[scenario]]
-name = "water {number}"
-object = "water"
-position = {{ at = [{lon}, {lat}], std = "0 m" }}
-"""
 STARTS = [(179.2, -17.45), (179.95, -17.1), (-179.9, -17.5), (179.5, -16.95)]
 
 
 def case_of(
-    folder: Path, sources: str, starts: list[tuple[float, float]] = STARTS, **more: str
+    folder: Path, sources: str, starts: list[tuple[float, float]] = STARTS, **more: object
 ) -> drift.Case:
-    given = {"start": "211800ZNOV26", "direction": "forward", "max_lost": "0.2", **more}
-    scenarios = "".join(
-        WATER.format(number=k, lon=lon, lat=lat) for k, (lon, lat) in enumerate(starts)
+    box = {"west": 177.0, "east": -177.0, "south": -20.0, "north": -14.0}
+    given = {"start": "211800ZNOV26", "max_lost": 0.2, "domain": box, **more}
+    scenarios = [
+        {"name": f"water {k}", "object": "water", "position": {"at": at, "std": "0 m"}}
+        for k, at in enumerate(starts)
+    ]
+    return trial_case.load(
+        folder,
+        sources,
+        duration="24 h",
+        particles=10,
+        uncertainty="none",
+        clock={"step": "10 min"},
+        current=None,
+        scenario=scenarios,
+        **given,
     )
-    (folder / "case.toml").write_text(CASE.format(sources=sources, **given) + scenarios)
-    return drift.load(folder / "case.toml")
 
 
 RESIDUAL = '[[current]]\nname = "residual"\nfiles = "residual.nc"\n'
@@ -249,14 +244,9 @@ name = "back"
 add = true
 constant = { east = -0.1, north = 0.0 }
 """
-    case = case_of(tmp_path, sources, [(10.0, 0.0)] * 3, max_lost="1.0")
-    text = case.text.replace("domain =", "#")
-    for number, names in enumerate(('["set"]', '["falling", "set"]')):
-        text = text.replace(
-            f'name = "water {number}"', f'name = "water {number}"\ncurrents = {names}'
-        )
-    (tmp_path / "case.toml").write_text(text)
-    tracks = drift.run(drift.load(tmp_path / "case.toml")).trajectories
+    case = case_of(tmp_path, sources, [(10.0, 0.0)] * 3, max_lost=1.0, domain=None)
+    named = {"scenario.0.currents": ["set"], "scenario.1.currents": ["falling", "set"]}
+    tracks = drift.run(drift.vary(case, named)).trajectories
     day = 24 * HOUR
     for number, (u, v) in enumerate([(0.5, 0.0), (0.5, 0.2), (0.4, 0.2)]):
         one = int(np.flatnonzero(tracks.scenario == number)[0])
@@ -294,7 +284,7 @@ def test_a_place_without_a_term_ends_a_particle_and_the_refusal_names_the_term(
         UserError, match=r'100 % ran out of forcing \(no value: current "tide" 100 %\)'
     ):
         drift.run(case_of(folder, RESIDUAL + narrow, [(edge - 0.01, -17.5)]))
-    result = drift.run(case_of(folder, RESIDUAL + narrow, [(edge - 0.01, -17.5)], max_lost="1.0"))
+    result = drift.run(case_of(folder, RESIDUAL + narrow, [(edge - 0.01, -17.5)], max_lost=1.0))
     assert (result.trajectories.status[:, -1] == Status.OUTSIDE).all()
 
 
@@ -319,7 +309,7 @@ def test_each_term_must_last_as_long_as_the_run_and_its_holes_are_told(
     holed = RESIDUAL + TIDE.replace("tide.nc", "holed.nc")
     with pytest.raises(UserError, match=r"no data from 220340ZNOV26 to 220900ZNOV26.* add = true"):
         check.check(case_of(folder, holed))
-    told = check.check(case_of(folder, holed, max_lost="1.0"))
+    told = check.check(case_of(folder, holed, max_lost=1.0))
     assert "no values between 220340ZNOV26 and 220900ZNOV26" in told["current tide"]
     assert "added to the other sources of [[current]]" in told["current tide"]
     assert "missing" in told["current residual"]
@@ -350,13 +340,7 @@ def test_a_sum_without_a_base_is_refused(
     chosen = f"currents = {named}" if named else ""
 
     def load() -> None:
-        text = CASE.format(
-            start="211800ZNOV26", direction="forward", max_lost="0.2", sources=sources
-        )
-        (folder / "refused.toml").write_text(
-            text + WATER.format(number=0, lon=179.2, lat=-17.4) + chosen
-        )
-        drift.load(folder / "refused.toml")
+        trial_case.load(folder, chosen, sources, current=None)
 
     with pytest.raises(UserError, match=message):
         load()

@@ -6,6 +6,7 @@ UGRID meshes by what they say, and FVCOM's own attributes.
 from pathlib import Path
 from typing import Any
 
+import model_writers
 import numpy as np
 import pytest
 import writers
@@ -41,7 +42,7 @@ def ugrid(
     """A mesh of triangles in rows of four, with edges and a second, coarser mesh in the same file;
     u, v at one place.
     """
-    lon, lat, cells = writers.mesh()
+    lon, lat, cells = model_writers.mesh()
     edges = np.unique(np.sort(np.concatenate((cells[:, :2], cells[:, 1:])), axis=1), axis=0)
     at = {"node": (lon, lat)} | {
         k: (lon[n].mean(1), lat[n].mean(1)) for k, n in (("face", cells), ("edge", edges))
@@ -168,7 +169,7 @@ def fvcom(path: Path, **more: Any) -> Path:
     """An FVCOM history file's variables and attributes: winds whose standard name holds a space,
     exact times apart.
     """
-    lon, lat, cells = writers.mesh()
+    lon, lat, cells = model_writers.mesh()
     lonc, latc = lon[cells].mean(1), lat[cells].mean(1)
     u, v = writers.slices(lonc, latc)
     days = (writers.TIMES - np.datetime64("1858-11-17")) / np.timedelta64(1, "D")

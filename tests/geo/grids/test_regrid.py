@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import model_writers
 import numpy as np
 import pyproj
 import pytest
@@ -25,19 +26,19 @@ KINDS: dict[str, Callable[[Path], Any]] = {
     "0..360, descending, lon before lat": lambda p: writers.east_of_zero(p / "a.nc"),
     "packed cm/s": lambda p: writers.packed(p / "a.nc"),
     "projected": lambda p: writers.projected(p / "a.nc"),
-    "ROMS, rho points and angle": lambda p: writers.roms(p / "a.nc"),
-    "ROMS, own points, angle in degrees": lambda p: writers.roms(
+    "ROMS, rho points and angle": lambda p: model_writers.roms(p / "a.nc"),
+    "ROMS, own points, angle in degrees": lambda p: model_writers.roms(
         p / "a.nc", own_points=True, angle="deg"
     ),
-    "ROMS, no angle": lambda p: writers.roms(p / "a.nc", own_points=True, angle=""),
-    "NEMO, U and V files": writers.nemo,
-    "curved, true components": lambda p: writers.curved_true(p / "a.nc"),
-    "FVCOM": lambda p: writers.fvcom(p / "a.nc"),
-    "SCHISM": lambda p: writers.schism(p / "a.nc"),
-    "rotated pole": lambda p: writers.rotated(p / "a.nc"),
-    "points repeated for every time": lambda p: writers.repeated(p / "a.nc"),
-    "points in a grid file": writers.apart,
-    "D-Flow FM": lambda p: writers.dflow(p / "a.nc"),
+    "ROMS, no angle": lambda p: model_writers.roms(p / "a.nc", own_points=True, angle=""),
+    "NEMO, U and V files": model_writers.nemo,
+    "curved, true components": lambda p: model_writers.curved_true(p / "a.nc"),
+    "FVCOM": lambda p: model_writers.fvcom(p / "a.nc"),
+    "SCHISM": lambda p: model_writers.schism(p / "a.nc"),
+    "rotated pole": lambda p: model_writers.rotated(p / "a.nc"),
+    "points repeated for every time": lambda p: model_writers.repeated(p / "a.nc"),
+    "points in a grid file": model_writers.apart,
+    "D-Flow FM": lambda p: model_writers.dflow(p / "a.nc"),
 }
 AREA = Box(writers.LON[0], writers.LAT[0], writers.LON[1], writers.LAT[1])
 
@@ -83,7 +84,7 @@ def test_a_files_own_angle_is_taken_in_radians_or_degrees(angle: str, tmp_path: 
     from the points.
     """
     source = sources.open_source(
-        "current", writers.roms(tmp_path / "a.nc", own_points=True, angle=angle)
+        "current", model_writers.roms(tmp_path / "a.nc", own_points=True, angle=angle)
     )
     said = '"angle", in degrees, gives' if angle == "deg" else '"angle" gives'
     assert any(f"{said} the direction of the grid's x axis" in note for note in source.notes)
@@ -146,7 +147,7 @@ def test_axes_of_a_plane_whose_x_grows_to_the_west() -> None:
 def test_curved_angle_at_80_north_and_over_the_antimeridian() -> None:
     to = pyproj.Proj("+proj=stere +lat_0=80 +lon_0=179.5 +R=6371008.8")
     x, y = np.meshgrid(np.arange(-60e3, 60e3, 4e3), np.arange(-50e3, 50e3, 4e3))
-    lon, lat = (np.asarray(v) for v in writers.turned(to, x, y, 0.6))
+    lon, lat = (np.asarray(v) for v in model_writers.turned(to, x, y, 0.6))
     assert lon.min() < -178
     assert lon.max() > 178
     east0, north0 = to(lon, lat)
@@ -160,7 +161,7 @@ def test_curved_grid_over_the_antimeridian(tmp_path: Path) -> None:
     """A turned grid about (180, -17) with longitudes that jump from 180 to -180 inside it."""
     to = pyproj.Proj("+proj=stere +lat_0=-17 +lon_0=180 +R=6371000")
     x, y = np.meshgrid(np.arange(-250e3, 250e3, 6e3), np.arange(-200e3, 200e3, 6e3))
-    lon, lat = writers.turned(to, x, y, np.radians(20))
+    lon, lat = model_writers.turned(to, x, y, np.radians(20))
 
     def field(lon: Any, lat: Any) -> tuple[Any, Any]:
         d = (lon - 180.0 + 180.0) % 360.0 - 180.0
@@ -247,7 +248,7 @@ def test_land_keeps_its_outline(tmp_path: Path) -> None:
     """Nodes whose weight on water is under one half are missing; the loss is told; water never
     turns to zero.
     """
-    path = writers.roms(tmp_path / "a.nc", own_points=True)
+    path = model_writers.roms(tmp_path / "a.nc", own_points=True)
     data = xr.open_dataset(path).load()
     data.close()
     for name in ("u", "v"):
@@ -271,7 +272,7 @@ def test_land_keeps_its_outline(tmp_path: Path) -> None:
 
 def test_coarse_triangles_larger_than_the_box(tmp_path: Path) -> None:
     source = sources.open_source(
-        "current", writers.schism(tmp_path / "a.nc"), box=Box(4.01, 59.01, 4.02, 59.015)
+        "current", model_writers.schism(tmp_path / "a.nc"), box=Box(4.01, 59.01, 4.02, 59.015)
     )
     got = sample(source.grid, source.read(0), [4.015], [59.012])
     np.testing.assert_allclose(got[0], writers.field(4.015, 59.012, 0.0), atol=writers.tolerance())
@@ -281,7 +282,7 @@ def test_triangles_are_capped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     from geo.grids import target
 
     monkeypatch.setattr(target, "MOST_NODES", 500)
-    source = sources.open_source("current", writers.schism(tmp_path / "a.nc"))
+    source = sources.open_source("current", model_writers.schism(tmp_path / "a.nc"))
     assert source.grid.nlon * source.grid.nlat <= 600
     assert any("coarser" in note for note in source.notes)
 

@@ -5,6 +5,7 @@ between them.
 from pathlib import Path
 from typing import Any
 
+import model_writers
 import numpy as np
 import pytest
 import writers
@@ -37,7 +38,9 @@ def nothing(values: Any) -> Any:
 
 def roms(folder: Path, spoil: Any) -> Path:
     """A ROMS file whose lon_u, lat_u, lon_v, lat_v are spoiled, or absent for None."""
-    data = xr.load_dataset(writers.roms(folder / "good.nc", own_points=True), decode_times=False)
+    data = xr.load_dataset(
+        model_writers.roms(folder / "good.nc", own_points=True), decode_times=False
+    )
     named = [f"{axis}_{side}" for axis in ("lon", "lat") for side in "uv"]
     data = (
         data.drop_vars(named) if spoil is None else data.assign({n: spoil(data[n]) for n in named})
@@ -91,7 +94,7 @@ def nemo(
     """u and v half a cell after their T points, of the same sizes; the file holds the T points
     alone.
     """
-    to, x, y, turn = writers.oblique()
+    to, x, y, turn = model_writers.oblique()
     step = x[0, 1] - x[0, 0]
     held: dict[str, Any] = {}
     for k, (name, east, north) in enumerate(
@@ -99,11 +102,11 @@ def nemo(
     ):
         held[name] = (
             ("time", "y", "x"),
-            writers.along(to, *writers.turned(to, x + east, y + north, turn), turn)[k],
+            model_writers.along(to, *model_writers.turned(to, x + east, y + north, turn), turn)[k],
             {"units": "m/s"},
         )
     for name, values, units in zip(
-        t.split(), writers.turned(to, x, y, turn), ("east", "north"), strict=True
+        t.split(), model_writers.turned(to, x, y, turn), ("east", "north"), strict=True
     ):
         held[name] = (("y", "x"), values, {"units": f"degrees_{units}"})
     if mask:
@@ -113,9 +116,9 @@ def nemo(
 
 
 def own_points(side: int) -> tuple[Any, Any]:
-    to, x, y, turn = writers.oblique()
+    to, x, y, turn = model_writers.oblique()
     step = x[0, 1] - x[0, 0]
-    return writers.turned(
+    return model_writers.turned(
         to, x + (step / 2 if side == 0 else 0), y + (step / 2 if side else 0), turn
     )
 
@@ -205,11 +208,11 @@ def test_axis_shifts_tell_the_side(shift: float, tmp_path: Path) -> None:
 
 def test_points_beyond_both_ends(tmp_path: Path) -> None:
     """WRF: one column more than the mass points have, whose places are repeated for every time."""
-    to, x, y, turn = writers.oblique()
+    to, x, y, turn = model_writers.oblique()
     step = x[0, 1] - x[0, 0]
-    lon, lat = writers.turned(to, x, y, turn)
+    lon, lat = model_writers.turned(to, x, y, turn)
     wide = np.concatenate((x - step / 2, x[:, -1:] + step / 2), axis=1)
-    true = writers.turned(to, wide, np.concatenate((y, y[:, -1:]), axis=1), turn)
+    true = model_writers.turned(to, wide, np.concatenate((y, y[:, -1:]), axis=1), turn)
     dims = ("Time", "south_north", "west_east")
     data = xr.Dataset(
         {

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trial_case
 
 import drift
 from drift.apps.cli import cards, commands
@@ -15,21 +16,6 @@ from drift.forecast.products import chapter
 from geo.errors import UserError
 from kernels.runtime import runtime
 
-CASE = """
-title = "small"
-start = "2024-01-01T00:00Z"
-duration = "2 h"
-particles = 1000
-clock.step = "10 min"
-[[current]]
-constant = { east = 0.3, north = 0.1 }
-[uncertainty]
-diffusivity = "10 m2/s"
-[[scenario]]
-name = "a"
-object = "water"
-position = { at = "48 10N 020 20W", error = "3 nmi" }
-"""
 HEAD = """
 import asyncio, sys, threading
 import drift
@@ -57,8 +43,13 @@ print("as one after another")
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    (tmp_path / "small.toml").write_text(CASE)
-    return tmp_path / "small.toml"
+    return trial_case.write(
+        tmp_path,
+        duration="2 h",
+        particles=1000,
+        clock={"step": "10 min"},
+        uncertainty={"diffusivity": "10 m2/s"},
+    )
 
 
 @pytest.mark.thorough

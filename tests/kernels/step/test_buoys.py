@@ -13,6 +13,7 @@ from kernels.step import buoys
 N, BUOYS, STATES, SCENARIOS, MEMBERS, STEPS = 60, 2, 8, 2, 3, 4
 PLACE = (179.98, 58.0)
 LENGTHS = (9_000.0, 70_000.0)
+AHEAD = 0.4
 STDS = {"current_std": 0.3, "wind_std": 2.1, "bias_std": 0.07}
 
 
@@ -32,6 +33,7 @@ def tables(seed: int) -> dict[str, Any]:
         "scenario": np.repeat([0, 1], N // 2),
         "member": random.integers(0, MEMBERS, N),
         "z": random.normal(size=(STATES, 2, N)),
+        "last": random.uniform(0, 12_000, (BUOYS, N)),  # [m] distances a step ago
         "moves": random.normal(size=(STEPS + 1, STATES, STATES)) / 3,
         "kicks": np.zeros((STEPS + 1, STATES, STATES)),
         "means": random.normal(size=(STEPS + 1, SCENARIOS * MEMBERS, 2, STATES, 2)),
@@ -43,7 +45,8 @@ def tables(seed: int) -> dict[str, Any]:
 def share(given: dict[str, Any], row: int, **numbers: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the deviations (states, 2, n) after a step, and the shared rows (6, n)."""
     runtime.start()
-    z = runtime.upload(given["z"].astype(np.float32).ravel())
+    z = np.concatenate([given["z"].reshape(-1, N), given["last"]])
+    z = runtime.upload(z.astype(np.float32).ravel())
     shared = runtime.empty(6 * N)
     ints = [
         runtime.upload(np.asarray(values, np.int32))
@@ -57,13 +60,13 @@ def share(given: dict[str, Any], row: int, **numbers: int) -> tuple[np.ndarray, 
     places = np.stack([sphere.to_binary(given[f"buoy_{name}"]) for name in ("lon", "lat")], axis=-1)
     words = {
         "buoys": BUOYS, "states": STATES, "windy": 1, "biased": 1, **STDS, "current_length": LENGTHS[0],
-        "wind_length": LENGTHS[1], "members": MEMBERS, "worlds": 0, "begins": 0, **numbers,
+        "wind_length": LENGTHS[1], "members": MEMBERS, "worlds": 0, "begins": 0, "ahead": AHEAD, **numbers,
     }  # fmt: skip
     buoys.share_errors(
-        0, N, *ints, lon, lat, z, runtime.empty(2 * STATES * N), shared, *flat,
+        0, N, *ints, lon, lat, z, runtime.empty(2 * (STATES + BUOYS) * N), shared, *flat,
         runtime.upload(places.ravel()), buoys.Numbers(**words), row, 77, 5, 9,
     )  # fmt: skip
-    return z.to_numpy().reshape(STATES, 2, N), shared.to_numpy().reshape(6, N)
+    return z.to_numpy()[: 2 * STATES * N].reshape(STATES, 2, N), shared.to_numpy().reshape(6, N)
 
 
 def expected(given: dict[str, Any], row: int) -> tuple[np.ndarray, np.ndarray]:
@@ -75,6 +78,7 @@ def expected(given: dict[str, Any], row: int) -> tuple[np.ndarray, np.ndarray]:
         apart = sphere.distance(
             x, y, np.radians(given["buoy_lon"][row]), np.radians(given["buoy_lat"][row])
         )
+        apart = np.maximum(apart + AHEAD * (apart - given["last"][:, i]), 0)
         which = given["scenario"][i] * MEMBERS + given["member"][i]
         states = 0.5 * (
             given["means"][row, which, 0] + given["z"][..., i]

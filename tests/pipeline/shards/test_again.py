@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import same_files
 import shards as runs
+import trial_case
 
 import drift
 from drift.apps.cli import commands
@@ -274,27 +275,20 @@ def test_nothing_to_go_on_with(case: drift.Case) -> None:
 def test_forcing_of_files_is_asked_by_its_bytes(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
+    import model_writers
     import writers
 
     writers.projected(tmp_path / "current.nc")
-    (tmp_path / "case.toml").write_text("""
-start = "2024-03-05T00:10Z"
-duration = "2 h"
-particles = 500
-coast.source = "none"
-[[current]]
-files = "current.nc"
-[[wind]]
-constant = { speed = "9 m/s", from = 250 }
-[[scenario]]
-name = "raft"
-object = "LIFE-RAFT-DB-10"
-position = { at = [4.0, 59.0], error = "4 km", time = "+0 h" }
-""")
-    case = drift.load(tmp_path / "case.toml")
+    case = trial_case.load(
+        tmp_path,
+        start="2024-03-05T00:10Z",
+        duration="2 h",
+        current={"files": "current.nc"},
+        scenario={"position": {"at": [4.0, 59.0], "error": "4 km"}},
+    )
     assert drift.run(case, tmp_path / "out", resume=True) is not None
     assert drift.run(case, tmp_path / "out", resume=True) is None
-    writers.curved_true(tmp_path / "current.nc")
+    model_writers.curved_true(tmp_path / "current.nc")
     one = drift.run(case, tmp_path / "out", resume=True)
     assert "the forcing and the files changed since" in caplog.text
     assert one is not None

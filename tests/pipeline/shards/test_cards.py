@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import trial_case
 
 import drift
-from drift.case import file as case_file
 from drift.pipeline import run_metadata, run_setup
 from drift.pipeline.shards import divide, fingerprint, shelf, work
 from geo.errors import UserError
@@ -20,18 +20,6 @@ from kernels.runtime.devices import Device, Listed
 
 GIB = 2**30
 CARD = Device("cuda", 0, "Card", "discrete", "driver 550.54, CUDA 12.4", 80 * GIB, 80 * GIB)
-CASE = """
-start = "2026-11-21T18:00Z"
-duration = "1 h"
-particles = {}
-output = {{ trajectories = 0 }}
-coast = {{ source = "none" }}
-current = [{{ constant = {{ speed = "1 kn", toward = 90 }} }}]
-[[scenario]]
-name = "raft"
-object = "water"
-position = {{ at = "60 00N 000 00E", error = "1 nmi" }}
-"""
 
 
 @pytest.fixture
@@ -52,8 +40,7 @@ def on_card(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
 
 
 def case_of(folder: Path, particles: int) -> drift.Case:
-    (folder / "case.toml").write_text(CASE.format(particles), encoding="utf-8")
-    return case_file.load(folder / "case.toml")
+    return trial_case.load(folder, duration="1 h", particles=particles, output={"trajectories": 0})
 
 
 def test_a_coast_takes_its_part_of_the_card(tmp_path: Path, on_card: Callable[[int], None]) -> None:

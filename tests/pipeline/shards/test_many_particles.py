@@ -6,6 +6,7 @@ from collections import namedtuple
 from dataclasses import replace
 
 import pytest
+import trial_case
 
 import drift
 from drift.apps.check import outlook
@@ -15,18 +16,6 @@ from drift.pipeline.shards import divide
 from geo.errors import UserError
 from kernels.runtime import memory
 
-CASE = """
-start = "2026-11-21T18:00Z"
-duration = "1 h"
-particles = {}
-output = {{ trajectories = 0 }}
-coast = {{ source = "none" }}
-current = [{{ constant = {{ speed = "1 kn", toward = 90 }} }}]
-[[scenario]]
-name = "raft"
-object = "water"
-position = {{ at = "60 00N 000 00E", error = "1 nmi" }}
-"""
 Usage = namedtuple("Usage", "total used free")
 
 
@@ -36,9 +25,9 @@ def full_disk(monkeypatch):
 
 
 def written(tmp_path, particles: int):
-    path = tmp_path / "many.toml"
-    path.write_text(CASE.format(particles))
-    return path
+    return trial_case.write(
+        tmp_path, duration="1 h", particles=particles, output={"trajectories": 0}
+    )
 
 
 def test_what_is_needed(tmp_path):

@@ -1,37 +1,25 @@
-"""A run in shards writes the same files as in one piece; stopped at any moment it goes on; what is
-altered is done again.
-"""
+"""A run in shards writes the same files as in one piece; stopped at any moment it goes on."""
 
-import json
-import os
-import shutil
 import signal
-import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import same_files
 import shards as runs
+from stopped_runs import KILLED, Stopped, shards_of, stopping, unfinished
 
 import drift
-from drift.apps.cli import commands
 from drift.engine.motion import prior, spool
 from drift.pipeline import flow, run_setup
-from drift.pipeline.shards import divide, machine, shelf, unit, work
+from drift.pipeline.shards import divide, shelf, unit, work
 from drift.products.files import hidden
-from kernels.runtime import memory, runtime
+from kernels.runtime import runtime
 from kernels.step import coast as coasts
 
 PAINTS = False  # pictures of shards are compared by the tests of spills
-
-
-@pytest.fixture(scope="module")
-def case(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
-    return runs.case(tmp_path_factory.mktemp("shards"))
 
 
 @pytest.fixture(scope="module")
@@ -42,76 +30,10 @@ def whole(case: drift.Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.fixture(scope="module")
-def made(case: drift.Case) -> drift.Result:
-    return drift.run(case)
-
-
 @pytest.fixture
 def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the files of results out, which take seconds; their contents are compared."""
     monkeypatch.setattr(flow, "write_results", lambda *given, **more: None)
-
-
-def unfinished(out: Path) -> Path:
-    return out.parent / f".{out.name}{hidden.UNFINISHED}"
-
-
-def shards_of(out: Path) -> list[str]:
-    return sorted(path.name for path in unfinished(out).glob("shard-*"))
-
-
-class Stopped(Exception):
-    pass
-
-
-KILLED = """
-import os, signal, sys
-import drift
-from drift.engine.motion import spool
-from drift.pipeline.shards import work
-case, out, where = sys.argv[1:]
-def die():
-    os.kill(os.getpid(), signal.SIGKILL)
-keep, replace = spool.ShardFile._keep, work.replace
-def kept(self, name, values):
-    at = keep(self, name, values)
-    if where == "data" and "00002" in str(self.file.name) and len(self.taken) == 1:
-        self.file.flush()
-        die()
-    return at
-def replaced(path, text):
-    if "00002" in path.name:
-        path.with_suffix(".new").write_text(text[: len(text) // 2])
-        die()
-    replace(path, text)
-spool.ShardFile._keep, work.replace = kept, replaced
-drift.run(drift.load(case), out, shards=4)
-"""
-
-
-def stopping(at: float) -> Callable[[str, float], None]:
-    """Return what stops a run once so much of its drift is done."""
-
-    def report(phase: str, share: float) -> None:
-        if phase == "drift" and share >= at:
-            raise Stopped
-
-    return report
-
-
-@pytest.fixture(scope="module")
-def half(case: drift.Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return what a run in four shards leaves that was stopped in the third."""
-    out = tmp_path_factory.mktemp("half") / "out"
-    with pytest.raises(Stopped):
-        drift.run(case, out, shards=4, report=stopping(0.6))
-    return unfinished(out)
-
-
-def put(half: Path, out: Path) -> None:
-    """Have a stopped run lie beside a folder, as if it had been asked for with that folder."""
-    shutil.copytree(half, unfinished(out))
 
 
 @pytest.mark.thorough
@@ -182,111 +104,6 @@ def test_a_run_that_was_stopped_goes_on(
 
 
 @pytest.mark.usefixtures("unwritten")
-@pytest.mark.parametrize(
-    "fault",
-    [
-        "cut",
-        "altered",
-        "index",
-        "place",
-        "foreign",
-        *(pytest.param(fault, marks=pytest.mark.thorough) for fault in ("renamed", "gone")),
-    ],
-)
-def test_a_file_that_was_cut_short_or_altered_is_made_again(
-    case: drift.Case,
-    half: Path,
-    made: drift.Result,
-    tmp_path: Path,
-    caplog: pytest.LogCaptureFixture,
-    fault: str,
-) -> None:
-    out = tmp_path / "out"
-    put(half, out)
-    data, index = unfinished(out) / "shard-00001-000.bin", unfinished(out) / "shard-00001-000.json"
-    if fault == "cut":
-        os.truncate(data, data.stat().st_size - 1)
-    elif fault == "altered":
-        with data.open("r+b") as stream:
-            stream.seek(4321)
-            byte = stream.read(1)
-            stream.seek(4321)
-            stream.write(bytes([byte[0] ^ 4]))
-    elif fault == "index":
-        index.write_text(index.read_text()[:-9])
-    elif fault == "place":  # longitudes are said to lie where latitudes do
-        told = json.loads(index.read_text())
-        told["where"][1]["lon"] = told["where"][1]["lat"]
-        index.write_text(json.dumps(told))
-    elif fault == "foreign":  # of a run with another seed
-        with pytest.raises(Stopped):
-            drift.run(
-                drift.vary(case, {"seed": 78}), tmp_path / "other", shards=4, report=stopping(0.6)
-            )
-        for path in (data, index):
-            shutil.copy(unfinished(tmp_path / "other") / path.name, path)
-    elif fault == "renamed":  # another shard's
-        for path in (data, index):
-            shutil.copy(path.with_name(path.name.replace("00001", "00000")), path)
-    else:
-        data.unlink()
-    done = drift.run(case, out, shards=4)
-    assert ("shard-00001-000 of the previous run" in caplog.text) is (fault != "gone")
-    runs.same(done, made)
-
-
-@pytest.mark.usefixtures("unwritten")
-@pytest.mark.thorough
-def test_a_search_over_an_unfinished_forecast_is_another_run(
-    case: drift.Case, half: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is not cut into as many shards as that was."""
-    out = tmp_path / "out"
-    put(half, out)
-    sortie = """
-[[sortie]]
-name = "s"
-start = "+2 h"
-end = "+4 h"
-law = "random"
-pod = 0.7
-area = { polygon = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]] }
-"""
-    (tmp_path / "searched.toml").write_text(case.text + sortie)
-    (tmp_path / "land.geojson").write_text(runs.SHORE)
-    searched = drift.load(tmp_path / "searched.toml")
-    asked: list[int] = []
-    monkeypatch.setattr(divide, "prepare", lambda *given: asked.append(given[2]))
-    done = drift.run(searched, out)
-    assert not asked
-    monkeypatch.undo()
-    assert done.summary["search"]["sorties"]
-    runs.same(done, drift.run(searched))
-
-
-@pytest.mark.usefixtures("unwritten")
-def test_what_is_made_afterwards_may_change(
-    case: drift.Case, half: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A remark, a title and other areas leave what has been moved as it is."""
-    out = tmp_path / "out"
-    put(half, out)
-    (tmp_path / "land.geojson").write_text(runs.SHORE)
-    (tmp_path / "case.toml").write_text(
-        'title = "As told at noon" # a remark\n'
-        + case.text.replace("output = {", "output = { areas = [40, 80],")
-    )
-    other, moved = drift.load(tmp_path / "case.toml"), []
-    fill = unit.Unit._fill
-    monkeypatch.setattr(
-        unit.Unit, "_fill", lambda *given: (moved.append(given[0].number), fill(*given))[1]
-    )
-    done = drift.run(other, out)
-    assert moved == [2, 3]
-    runs.same(done, drift.run(other))
-
-
-@pytest.mark.usefixtures("unwritten")
 def test_the_memory_counts_where_a_run_goes_on(
     case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -318,53 +135,6 @@ def test_results_in_the_folder_itself(
     (tmp_path / "link").symlink_to(tmp_path / "here")
     runs.same(drift.run(case, tmp_path / "link", shards=4), made)
     assert not unfinished(tmp_path / "here").exists()
-
-
-@pytest.mark.usefixtures("unwritten")
-def test_a_refused_run_leaves_nothing(
-    case: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*given: object) -> None:
-        raise drift.UserError("too much was lost by the end")
-
-    monkeypatch.setattr(run_setup, "check_end", refuse)
-    with pytest.raises(drift.UserError, match="was lost by the end"):
-        drift.run(case, tmp_path / "out", shards=4)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.usefixtures("unwritten")
-def test_another_case_begins_anew_and_says_what_changed(
-    case: drift.Case, half: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    out = tmp_path / "out"
-    put(half, out)
-    other = drift.vary(case, {"seed": 78})
-    done = drift.run(other, out, shards=4)
-    assert (
-        "an unfinished run is there, but the case and the seed changed since: it starts again"
-        in caplog.text
-    )
-    runs.same(done, drift.run(other))
-
-
-def test_another_processor_is_noticed(
-    case: drift.Case,
-    half: Path,
-    tmp_path: Path,
-    caplog: pytest.LogCaptureFixture,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    out = tmp_path / "out"
-    put(half, out)
-    exact = np.exp
-    monkeypatch.setattr(
-        machine, "FUNCTIONS", (lambda x: np.nextafter(exact(x), 9.0), *machine.FUNCTIONS[1:])
-    )
-    with pytest.raises(Stopped):
-        drift.run(case, out, shards=4, report=stopping(0.1))
-    assert "the processor's arithmetic changed since" in caplog.text
-    assert not [name for name in shards_of(out) if name.endswith(".json")]
 
 
 @pytest.mark.usefixtures("unwritten")
@@ -418,86 +188,6 @@ def test_a_full_disk_keeps_what_is_finished(
     ]
     monkeypatch.setattr(work.ShardFile, "_keep", keep)
     runs.same(drift.run(case, out, shards=4), made)
-
-
-@pytest.mark.parametrize(
-    ("more", "said"),
-    [
-        (["--shards", "0"], "give 1 to 9"),
-        (["--shards", "10"], "give 1 to 9"),
-        (["--memory", "0.2 GB"], "a run takes 0.7 GiB at least"),
-        (["--memory", "plenty"], "--memory"),
-        (["--memory", "1e400 GB"], "--memory"),
-    ],
-)
-def test_bad_input_is_one_line(
-    case: drift.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], said: str
-) -> None:
-    assert commands.main(["run", str(case.path), "--out", str(tmp_path / "out"), *more]) == 2
-    told = capsys.readouterr().err.strip().splitlines()
-    assert said in told[-1]
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_memory_and_the_loss_at_a_stop_choose_the_shards(case: drift.Case) -> None:
-    many = drift.vary(case, {"particles": 100_000_000})
-    room = 0.8 * 2**30 - divide.BASE
-    assert divide.number_of_shards(many, 0.8, None) == -(-100_000_000 // int(room / divide.HELD))
-    assert divide.number_of_shards(many, 1e6, None) == 96  # of 2^20
-    assert divide.number_of_shards(case, None, None) == 1
-
-
-def test_the_memory_of_workers_chooses_the_shards(case: drift.Case) -> None:
-    """Each has its own: a thousand of them on other machines do not share that of one."""
-    many, gib = drift.vary(case, {"particles": 100_000_000}), 2**30
-    two = divide.Workers(2, 3, 8 * gib)
-    assert divide.number_of_shards(case, None, None, two) == 8
-    assert (
-        divide.number_of_shards(case, None, None, divide.Workers(64, 1, 8 * gib)) == 9
-    )  # its blocks
-    assert divide.number_of_shards(many, None, None, divide.Workers(8, 1, 8 * gib)) == 96  # of 2^20
-    assert (
-        divide.number_of_shards(many, None, None, divide.Workers(64, 1, 8 * gib)) == 256
-    )  # 4 each
-    tight = 1.6 * gib
-    assert divide.number_of_shards(many, None, None, divide.Workers(8, 1, tight)) == -(
-        -100_000_000 // int((tight / 2 - divide.BASE) / divide.HELD)
-    )
-    room = 2.4 * gib / 3 - divide.BASE  # they share with the process that was started
-    assert divide.number_of_shards(many, 2.4, None, two) == -(
-        -100_000_000 // int(room / divide.HELD)
-    )
-    with pytest.raises(
-        drift.UserError,
-        match=r"memory = 2 \(GiB\): 3 processes on one machine take 2\.1 GiB at least; .* fewer workers",
-    ):
-        divide.number_of_shards(many, 2.0, None, two)
-    limited = divide.Workers(2, 3, 8 * gib, 0.8 * gib)  # dask lets each take no more
-    room = 0.8 * gib - divide.BASE
-    assert divide.number_of_shards(many, 1e6, None, limited) == -(
-        -100_000_000 // int(room / divide.HELD)
-    )
-    with pytest.raises(
-        drift.UserError,
-        match=r"shards = 4: shards of this size take 5\.4 GiB, and memory is 1 \(GiB\)",
-    ):
-        divide.number_of_shards(many, 1, 4)
-    assert divide.number_of_shards(many, 1, 400) == 400
-    with pytest.raises(drift.UserError, match=r"memory = '4 GB': give a number of GiB"):
-        divide.number_of_shards(many, "4 GB", None)  # type: ignore[arg-type]
-
-
-def test_one_piece_that_does_not_fit_is_one_line(
-    case: drift.Case, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(memory, "free", lambda: 30_000 * 250 - 1)
-    with pytest.raises(
-        drift.UserError,
-        match=r"30,000 particles in one piece .* of memory are free; .* in shards that fit",
-    ):
-        drift.run(case, shards=1)
-    monkeypatch.setattr(memory, "free", lambda: 30_000 * 250)
-    drift.run(case, shards=1)
 
 
 @pytest.mark.usefixtures("unwritten")
@@ -569,19 +259,3 @@ def test_killed_while_a_file_is_written(
     assert "shard-00002-000.json" not in left
     runs.same(drift.run(case, tmp_path / "out", shards=4), made)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_what_is_kept_names_no_machine(case: drift.Case, half: Path, tmp_path: Path) -> None:
-    put(half, tmp_path / "out")
-    about = json.loads((unfinished(tmp_path / "out") / work.ABOUT).read_text())
-    assert set(about) >= {
-        "the case",
-        "the seed",
-        "the versions",
-        "the forcing",
-        "the processor's arithmetic",
-    }
-    told = "".join(path.read_text() for path in unfinished(tmp_path / "out").glob("*.json"))
-    assert socket.gethostname() not in told
-    assert str(case.path.parent) not in told
-    assert str(half.parent) not in told

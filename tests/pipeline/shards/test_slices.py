@@ -5,8 +5,10 @@ differs for it.
 import logging
 from pathlib import Path
 
+import model_writers
 import pytest
 import shards as runs
+import trial_case
 import writers
 
 import drift
@@ -15,30 +17,28 @@ from drift.pipeline.shards import shelf, work
 from drift.products.files import hidden
 from geo.forcing.reading import kept, tile
 
-CASE = """
-start = "2024-03-05T00:10Z"
-duration = "5 h"
-particles = 20000
-output = { every = "150 min", trajectories = 20 }
-clock.step = "30 min"
-coast.source = "none"
-[[current]]
-files = "current.nc"
-[[wind]]
-constant = { speed = "9 m/s", from = 250 }
-[[scenario]]
-name = "raft"
-object = "LIFE-RAFT-DB-10"
-position = { at = [4.0, 59.0], error = "4 km", time = "+0 h" }
-"""
+
+def case_in(folder: Path) -> drift.Case:
+    writers.projected(folder / "current.nc")
+    return trial_case.load(
+        folder,
+        start="2024-03-05T00:10Z",
+        duration="5 h",
+        particles=20000,
+        output={"every": "150 min", "trajectories": 20},
+        clock={"step": "30 min"},
+        current={"files": "current.nc"},
+        wind={"constant": {"speed": "9 m/s", "from": 250}},
+        scenario={
+            "object": "LIFE-RAFT-DB-10",
+            "position": {"at": [4.0, 59.0], "error": "4 km"},
+        },
+    )
 
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
-    folder = tmp_path_factory.mktemp("slices")
-    writers.projected(folder / "current.nc")
-    (folder / "case.toml").write_text(CASE)
-    return drift.load(folder / "case.toml")
+    return case_in(tmp_path_factory.mktemp("slices"))
 
 
 @pytest.fixture(scope="module")
@@ -149,13 +149,11 @@ def test_without_room_for_them_shards_read_for_themselves(
 def test_another_forcing_takes_nothing_over(case: drift.Case, tmp_path: Path) -> None:
     """The file is replaced by one of the same name: its slices go, and make room."""
     out = tmp_path / "out"
-    writers.projected(tmp_path / "current.nc")
-    (tmp_path / "case.toml").write_text(CASE)
-    own = drift.load(tmp_path / "case.toml")
+    own = case_in(tmp_path)
     with pytest.raises(Stopped):
         drift.run(own, out, shards=4, report=half)
     before = {*slices_of(out)}
-    writers.curved_true(tmp_path / "current.nc")
+    model_writers.curved_true(tmp_path / "current.nc")
     with pytest.raises(Stopped):
         drift.run(own, out, shards=4, report=half)
     assert before

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trial_case
 from plans import few_trials  # noqa: F401 (a fixture)
 
 import drift
@@ -15,45 +16,40 @@ pytestmark = pytest.mark.usefixtures("few_trials")
 
 # A current of 1 knot leads east to a shore; all begin within 10 nautical miles of it. After 7 h 70
 # % are ashore on 6 nmi of beach, the others on 18 square miles off it.
-CASE = """
-title = "onto the beach"
-start = "2026-03-05T00:00Z"
-duration = "7.8 h"
-particles = 4000
-uncertainty = "none"
-coast = { source = "land.geojson" }
-clock = { step = 1800 }
-[[current]]
-constant = { speed = "1 kn", toward = 90 }
-[[scenario]]
-name = "target"
-object = "water"
-area = { polygon = [[0.833333, -0.05], [0.999999, -0.05], [0.999999, 0.05], [0.833333, 0.05]] }
-[plan]
-begin = "+7 h"
-particles = 2000
-ASHORE
-[[unit]]
-name = "helicopter"
-kind = "Helicopter"
-base = [1.5, 0.3]
-search_speed = "60 kn"
-endurance = "0.3 h"
-daylight = false
-sweep_width = "0.5 nmi"
-"""
+START = [[0.833333, -0.05], [0.999999, -0.05], [0.999999, 0.05], [0.833333, 0.05]]
+HELICOPTER = {
+    "name": "helicopter",
+    "kind": "Helicopter",
+    "base": [1.5, 0.3],
+    "search_speed": "60 kn",
+    "endurance": "0.3 h",
+    "daylight": False,
+    "sweep_width": "0.5 nmi",
+}
 LAND = {"type": "Polygon", "coordinates": [[[1, -2], [2, -2], [2, 2], [1, 2], [1, -2]]]}
 
 
-def planned(folder: Path, ashore: str) -> drift.planning.search.records.Plan:
+def planned(folder: Path, **plan: bool) -> drift.planning.search.records.Plan:
     (folder / "land.geojson").write_text(json.dumps(LAND), encoding="utf-8")
-    (folder / "case.toml").write_text(CASE.replace("ASHORE", ashore), encoding="utf-8")
-    return planner.plan(drift.load(folder / "case.toml"), folder / "out")[0]
+    case = trial_case.load(
+        folder,
+        start="2026-03-05T00:00Z",
+        duration="7.8 h",
+        particles=4000,
+        uncertainty="none",
+        coast={"source": "land.geojson"},
+        clock={"step": 1800},
+        current={"constant": {"speed": "1 kn", "toward": 90}},
+        scenario={"position": None, "area": {"polygon": START}},
+        plan={"begin": "+7 h", "particles": 2000, **plan},
+        unit=[HELICOPTER],
+    )
+    return planner.plan(case, folder / "out")[0]
 
 
 @pytest.mark.thorough
 def test_legs_are_spent_on_what_is_afloat(tmp_path: Path) -> None:
-    made = planned(tmp_path, "")
+    made = planned(tmp_path)
     (task,) = made.taskings
     off = (1 - task.centre[0]) * 60  # [nmi] of its middle off the beach
     assert 0.5 < off < 3.5
@@ -77,7 +73,7 @@ def test_legs_are_spent_on_what_is_afloat(tmp_path: Path) -> None:
 
 @pytest.mark.thorough
 def test_units_that_see_the_shore_are_sent_there(tmp_path: Path) -> None:
-    made = planned(tmp_path, "ashore = true")
+    made = planned(tmp_path, ashore=True)
     assert made.pos > 1 - made.ashore  # more than all that is afloat
     assert made.pos_ashore > 0.5 * made.pos
     assert made.taskings[0].pos_ashore == made.pos_ashore

@@ -276,7 +276,7 @@ transit_legs = [2]
     assert flown.legs.searching == (True, False, True)
     for wrong in ("[4]", "[0]", "[1, 2, 3]", "[]"):
         with pytest.raises(
-            UserError, match="must be numbers of some of its 3 legs, from 1, not of all"
+            UserError, match="must list some of its 3 legs by number, from 1, and not all of them"
         ):
             place(tmp_path, CASE + sortie.replace("[2]", wrong))
     with pytest.raises(UserError, match="give them with waypoints"):

@@ -194,6 +194,12 @@ def test_nobody_to_send(tmp_path: Path) -> None:
     ):
         planner.plan(drift.load(tmp_path / "far.toml"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+    # at 180 degrees the period is 19 h to 2 h local time; the sun rises at 0520 there
+    (tmp_path / "night.toml").write_text(text.replace("daylight = false\n", ""))
+    with pytest.raises(
+        UserError, match=r"Night throughout for plane, boat: .*; next sunrise 0117[12]\dZJUN26"
+    ):
+        planner.plan(drift.load(tmp_path / "night.toml"), tmp_path / "out")
 
 
 def test_a_plan_begins_when_all_is_known(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 cartopy's projections.
 """
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -11,16 +10,14 @@ import cartopy.crs as ccrs
 import numpy as np
 import pytest
 import xarray as xr
+from opened_report import GLOBE, Opened, middle, ran
 
 import drift
 from drift.pipeline import flow
-from geo import notation, sphere
+from geo import notation
 
 pytestmark = pytest.mark.browser
-
-GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
 NASTY = "</script><img src=x onerror=alert(1)>"
-
 # Off Taveuni, whose middle 180 degrees crosses: two scenarios, one with a hostile name, a sortie, a
 # sighting.
 SEAM = f"""
@@ -61,79 +58,11 @@ name = "strobe"
 time = "161100ZNOV15"
 position = {{ at = [179.95, -17.22], error = "4 nmi" }}
 """
-POLE = """
-title = "Near the pole"
-start = "160600ZNOV15"
-duration = "12 h"
-particles = 4000
-[output]
-every = "6 h"
-[[current]]
-constant = { speed = "1 kn", toward = 200 }
-[uncertainty]
-current = { std = "0.2 m/s", time = "6 h" }
-[[scenario]]
-name = "ice floe"
-object = "water"
-position = { at = [41.0, 87.3], error = "4 nmi" }
-"""
-
-
-def ran(folder: Path, text: str) -> Path:
-    """Return the folder of the results of a case."""
-    (folder / "case.toml").write_text(text, encoding="utf-8")
-    drift.run(drift.load(folder / "case.toml"), folder / "results")
-    return folder / "results"
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return ran(tmp_path_factory.mktemp("seam"), SEAM)
-
-
-class Opened:
-    """A page that has drawn itself, what it asked for, and what it complained of."""
-
-    def __init__(self, browser: Any, folder: Path, **options: Any) -> None:
-        self.context = browser.new_context(
-            **{"viewport": {"width": 1200, "height": 900}, **options}
-        )
-        self.page, self.asked, self.complaints = self.context.new_page(), [], []
-        self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.on("console", self._heard)
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.goto((folder / flow.REPORT).as_uri())
-        self.page.wait_for_selector("html[data-ready=yes]", timeout=30_000)
-
-    def _heard(self, message: Any) -> None:
-        # advice on how OpenLayers looks for shapes under the pointer
-        if "willReadFrequently" not in message.text:
-            self.complaints.append(message.text)
-
-    def __enter__(self) -> Any:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.context.close()
-
-    def show(self, index: int) -> None:
-        self.page.evaluate("k => report.show(k)", index)
-
-    def read(self, lon: float, lat: float, crs: Any) -> str:
-        """Return what the page tells with the pointer over a position [deg], which another library
-        projects.
-        """
-        x, y = crs.transform_point(lon, lat, ccrs.Geodetic(globe=GLOBE))
-        px, py = self.page.evaluate("at => report.chart.getPixelFromCoordinate(at)", [x, y])
-        box = self.page.locator("#map").bounding_box()
-        self.page.mouse.move(box["x"] + px, box["y"] + py)
-        return str(self.page.locator("#readout").inner_text())
-
-
-def middle(opened: Opened) -> dict[str, float]:
-    return dict(
-        opened.page.evaluate("JSON.parse(document.getElementById('data').textContent).projection")
-    )
 
 
 def test_it_opens_without_a_request_or_a_complaint(browser: Any, results: Path) -> None:
@@ -159,6 +88,21 @@ def test_nothing_can_be_fetched(browser: Any, results: Path) -> None:
             "document.body.append(Object.assign(document.createElement('script'), {textContent: 'window.run = 1'}))"
         )
         assert opened.page.evaluate("window.run") is None
+
+
+def test_names_are_above_all_lines_and_go_with_their_layer(browser: Any, results: Path) -> None:
+    with Opened(browser, results) as opened:
+        order = """() => {
+          const own = report.layers.filter(one => one.nameplates), of = one => one.getZIndex();
+          return [Math.min(...own.map(one => of(one.nameplates))), Math.max(...report.layers.map(one => of(one.layer)))];
+        }"""
+        lowest_name, highest_line = opened.page.evaluate(order)
+        assert lowest_name > highest_line
+        shown = "report.layers.filter(one => one.nameplates && one.nameplates.getVisible() !== one.layer.getVisible()).length"
+        assert opened.page.evaluate(shown) == 0
+        opened.page.locator("#layers label", has_text="Sorties").click()
+        visible = "report.layers.find(one => one.title === 'Sorties').nameplates.getVisible()"
+        assert opened.page.evaluate(visible) is False
 
 
 def test_the_slider_moves_through_the_outputs(browser: Any, results: Path) -> None:
@@ -242,30 +186,6 @@ def test_values_under_the_pointer(browser: Any, results: Path) -> None:
     assert sides == {"E", "W"}
 
 
-def test_values_near_the_pole(browser: Any, tmp_path: Path) -> None:
-    """Lambert's azimuthal equal-area projection, as cartopy has it."""
-    results = ran(tmp_path, POLE)
-    data = xr.open_dataset(results / "forecast.nc")
-    with Opened(browser, results) as opened:
-        at = middle(opened)
-        assert at["kind"] == "azimuthal"
-        crs = ccrs.LambertAzimuthalEqualArea(
-            central_longitude=at["lon"], central_latitude=at["lat"], globe=GLOBE
-        )
-        lon, lat = float(data["datum_lon"][-1]), float(data["datum_lat"][-1])
-        text = opened.read(lon + 1.5, lat - 0.1, crs)
-        here = re.match(r"(\d+)-([\d.]+)N (\d+)-([\d.]+)E", text)
-        resolution = opened.page.evaluate("report.view.getResolution()") / 1852
-        assert int(here[1]) * 60 + float(here[2]) == pytest.approx(
-            (lat - 0.1) * 60, abs=0.05 + resolution
-        )
-        east = int(here[3]) * 60 + float(here[4])
-        assert east == pytest.approx(
-            (lon + 1.5) * 60, abs=0.05 + resolution / np.cos(np.radians(lat))
-        )
-        assert opened.complaints == []
-
-
 def test_layers_can_be_switched(browser: Any, results: Path) -> None:
     """Each changes the picture, and the sample's tracks come when they are asked for."""
     with Opened(browser, results) as opened:
@@ -291,48 +211,6 @@ def test_layers_can_be_switched(browser: Any, results: Path) -> None:
             ).click()
             page.wait_for_timeout(250)
             assert page.locator("#map").screenshot() != before, title
-
-
-BEACH = """
-title = "Onto a beach"
-start = "160600ZNOV15"
-duration = "12 h"
-particles = 6000
-coast.source = "land.geojson"
-[[current]]
-constant = { speed = "1 kn", toward = 90 }
-[uncertainty]
-current = { std = "0.3 m/s", time = "6 h" }
-[[scenario]]
-name = "raft"
-object = "water"
-position = { at = [0.85, 0.0], error = "3 nmi" }
-"""
-
-
-def test_dots_ashore_have_their_weight(browser: Any, tmp_path: Path) -> None:
-    """The likeliest cells that hold half of what is ashore are drawn largest, and over the others:
-    by ashore.csv, summed in NumPy.
-    """
-    land = {"type": "Polygon", "coordinates": [[[1, -2], [2, -2], [2, 2], [1, 2], [1, -2]]]}
-    (tmp_path / "land.geojson").write_text(json.dumps(land), encoding="utf-8")
-    results = ran(tmp_path, BEACH)
-    share = np.sort(
-        np.genfromtxt(results / "ashore.csv", delimiter=",", names=True, usecols=3)[
-            "probability_ashore"
-        ]
-    )[::-1]
-    before = (np.cumsum(share) - share) / share.sum()
-    expected = np.searchsorted([0.5, 0.75, 0.9, 0.97], before, side="right")
-    assert len(set(expected)) == 5, "the case is made so that there are dots of every class"
-    with Opened(browser, results) as opened:
-        of_layer = "report.layers.find(one => one.title === 'Ashore at the end').every"
-        drawn = opened.page.evaluate(f"{of_layer}.map(one => one.get('size'))")
-        assert drawn == sorted(expected.tolist(), reverse=True)
-        sizes, opaque = opened.page.evaluate("[SIZES, OPAQUE]")
-        assert sizes == sorted(sizes, reverse=True)
-        assert opaque == sorted(opaque, reverse=True)
-        assert opened.complaints == []
 
 
 def test_sorties_and_contacts_come_when_they_come(browser: Any, results: Path) -> None:
@@ -401,41 +279,6 @@ def test_accessibility(browser: Any, results: Path, colours: str) -> None:
         assert [
             (v["id"], [n["html"] for n in v["nodes"]][:2]) for v in found.response["violations"]
         ] == []
-
-
-KINDS = {
-    "plan": ("overdue_boat", lambda case, out: drift.plan(case, out), {"particles": 3000}, "Planned areas"),
-    "spill": ("gulf_containers", lambda case, out: drift.run(case, out), {"spill.worlds": 100, "spill.redraws": 0}, "Washup by stretch"),
-    "patrols": ("gulf_containers", lambda case, out: drift.patrol(case, out), {"spill.worlds": 100, "spill.redraws": 0}, "Planned patrols"),
-    "origin": ("gulf_containers", lambda case, out: drift.origin(case, out), {"spill.worlds": 100, "spill.redraws": 0}, "Finds"),
-    "steering": ("smuggler_bridge", lambda case, out: drift.run(case, out), {"particles": 3000}, "Itineraries of targets"),
-    "no coast": ("cast_submarine", lambda case, out: drift.run(case, out), {"particles": 3000, "coast.source": "none"}, "Contacts"),
-}  # fmt: skip
-
-
-HEADLINES = {
-    "plan": r"The plan, \d{6}Z\w+ to \d{6}Z\w+, \d sub-areas?: POS 0\.\d",
-    "spill": r"objects are expected ashore .*The stretch with most of them",
-}  # of kinds that have one of their own
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_run(browser: Any, tmp_path: Path, kind: str) -> None:
-    """Its page opens, plays through all of its times, and has its layers and tables."""
-    name, run, changes, layer = KINDS[kind]
-    case = drift.vary(drift.load(name), changes)
-    run(case, tmp_path / "results")
-    with Opened(browser, tmp_path / "results") as opened:
-        titles = opened.page.locator("#layers label").all_inner_texts()
-        assert layer in titles
-        told = HEADLINES.get(kind, r"At \d{6}Z\w+ it is most likely ")
-        assert kind == "origin" or re.search(told, opened.page.locator("#headline").inner_text())
-        for k in range(opened.page.evaluate("report.times.length")):
-            opened.show(k)
-        assert opened.page.locator("details").count() >= 2
-        assert opened.complaints == []
-        assert len(opened.asked) == 1
 
 
 def test_one_file_shows_headline_and_pictures_and_what_a_planner_reads_first(

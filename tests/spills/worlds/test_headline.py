@@ -35,7 +35,7 @@ def washup(
 
 def test_it_says_how_many_lie_ashore_and_where_most_of_them_do() -> None:
     assert washup_headline(washup(11.31, (4, 11, 19))) == (
-        "By 030630ZJAN19 11.3 of 60 objects are expected ashore (4 to 19 with 80 % probability). "
+        "By 030630ZJAN19, 11.3 of 60 objects are expected ashore (4 to 19 with 80 % probability). "
         "The stretch with most of them, 7.50, is Oost, 11 nmi from Vlieland."
     )
 
@@ -52,5 +52,5 @@ def test_one_number_has_no_span_and_no_town_is_made_up(near: str, end: str) -> N
 def test_where_nothing_is_ashore_it_says_so() -> None:
     assert (
         washup_headline(washup(0.04, (0, 0, 0)))
-        == "By 030630ZJAN19 hardly any of 60 objects is ashore."
+        == "By 030630ZJAN19, hardly any of 60 objects is ashore."
     )

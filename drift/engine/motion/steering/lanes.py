@@ -258,7 +258,9 @@ def between(network: Network, a: int, b: int) -> int:
         way = shortest(network, here, there)
     except ValueError:
         raise ValueError(f'{said}, and none of them on to "{there}"') from None
-    raise ValueError(f'{said}; the shortest way to "{there}" is by {_quoted(way[1:-1])}')
+    raise ValueError(
+        f'{said}; the shortest way to "{there}" is by {_quoted(way[1:-1])}; list these nodes too'
+    )
 
 
 def _lengths(network: Network) -> sparse.csr_array:

@@ -194,7 +194,7 @@ def _contents(
     if many > A_PAGE:
         parts.insert(0, f"Page {page} of {pages(sorties)}")
     if numbered:
-        parts.append("numbered as in evidence.png" if many > 1 else "its number as in evidence.png")
+        parts.append(f"number{'s' * (many > 1)} as in evidence.png")
     if contacts:
         parts.append(f"contacts from {RECENT // np.timedelta64(1, 'h')} h before the sortie on")
     if particles is not None:

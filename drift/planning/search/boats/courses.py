@@ -145,7 +145,7 @@ def prepare(
         )
     main_water = _main_water(sea, flat[2:])
     out = home = _harbour(sea, inshore, unit.base, main_water)
-    sentences = [_remarks("leaves", out, sea)]
+    sentences = [_remarks("starts from", out, sea)]
     if unit.return_to != unit.base:
         home = _harbour(sea, inshore, unit.return_to, main_water)
         sentences.append(_remarks("returns to", home, sea))
@@ -230,13 +230,13 @@ def _remarks(verb: str, harbour: Harbour, sea: Sea) -> str:
     sentences = []
     if harbour.ashore > 2 * sea.step:
         sentences.append(
-            f"{verb} the nearest water, {harbour.ashore / 1852:.2f} nmi off: {notation.position(*harbour.place)} is "
-            "land on this coast, or too near to it."
+            f"{verb} the nearest water, {harbour.ashore / 1852:.2f} nmi from its base: "
+            f"{notation.position(*harbour.place)} lies on land in this coastline, or too near to it."
         )
     if harbour.close > 2 * sea.step:
         sentences.append(
             f"{harbour.close / 1852:.1f} nmi of its way out of harbour, or in, are nearer to land, or shallower, than "
-            "it keeps."
+            "the case allows."
         )
     return " ".join(sentences)
 

@@ -411,8 +411,8 @@ def _alternatives(plan: Plan) -> list[str]:
 def _standard_notes(plan: Plan) -> tuple[str, ...]:
     """Return the notes that stand in every plan."""
     boats = (
-        "The ways of boats follow the coast of this case, whose error may exceed the distance that they keep; rocks "
-        "awash, tides and, without a depth grid, depths are not known: check the ways on a chart.",
+        "Boats follow the coast of this case, whose error may exceed the distance that they keep from it. Rocks "
+        "awash and tides are not known, nor are depths without a depth grid: check each way on a chart.",
     )
     return (
         *boats * any(tasking.unit.afloat for tasking in plan.taskings),

@@ -4,6 +4,8 @@
 
 const format = new ol.format.GeoJSON();
 
+const NAMES = 100; // added to the order of a layer for that of its names, which are above all lines
+
 function vector(source, style, order, declutter = false) {
   return new ol.layer.Vector({ source, style, zIndex: order, declutter, updateWhileAnimating: true });
 }
@@ -71,15 +73,15 @@ function shapes(leaf, files, map, order) {
   const levels = [...new Set(every.map(feature => feature.get("level")))].filter(level => level !== undefined).sort((a, b) => a - b);
   const source = new ol.source.Vector({ wrapX: false });
   let now = null;
-  const layer = vector(source, feature => {
+  const looks = feature => {
     const there = feature.get("there"), options = { theme: now.theme, strong: there === "now", pale: leaf.when === "during" && there === "there" };
     if (leaf.label) options.label = String(feature.get(leaf.label) ?? "");
     if (levels.length) {
       const k = levels.indexOf(feature.get("level"));
-      if (leaf.look === "coast") return banded(leaf.look, now.theme, k / Math.max(levels.length - 1, 1));
+      options.share = k / Math.max(levels.length - 1, 1);
       options.dash = k === levels.length - 1 && k > 0 ? [2, 3] : DASHES[k % DASHES.length];
       options.width = k ? (k === levels.length - 1 ? 1.4 : 1.8) : 2.4;
-      options.label = `${Number((100 * feature.get("level")).toPrecision(6))} %`;
+      options.label = leaf.look === "coast" ? "" : `${Number((100 * feature.get("level")).toPrecision(6))} %`;
       options.along = true;
     }
     if (graded) {
@@ -88,10 +90,14 @@ function shapes(leaf, files, map, order) {
       options.colour = shades[Math.min(shades.length - 1, Math.floor(share * shades.length))];
       options.width = 2.5 + 5 * share;
     }
-    return styled(leaf.look, options);
-  }, order, Boolean(leaf.label) || levels.length > 0);
+    return options;
+  };
+  const band = leaf.look === "coast" && levels.length > 0;
+  const layer = vector(source, feature => band ? banded(leaf.look, now.theme, looks(feature).share) : styled(leaf.look, looks(feature)), order);
+  const named = leaf.label || (levels.length > 0 && !band);
+  const nameplates = named ? vector(source, feature => titled(leaf.look, looks(feature)), NAMES + order, true) : null;
   return {
-    ...leaf, layer, every,
+    ...leaf, layer, nameplates, every,
     update(next) {
       now = next;
       const there = every.filter(feature => {
@@ -103,6 +109,7 @@ function shapes(leaf, files, map, order) {
       source.clear(true);
       source.addFeatures(there);
       layer.changed();
+      nameplates?.changed();
     },
     told: feature => leaf.told.map(([name, header, form]) => [header, written(feature.get(name), form)]),
   };
@@ -159,9 +166,10 @@ function track(leaf, files, map, order) {
   const point = new ol.Feature(new ol.geom.Point([0, 0]));
   const source = new ol.source.Vector({ wrapX: false, features: [line] });
   let theme = "light";
-  const layer = vector(source, feature => styled(leaf.look, { theme, label: feature === point ? leaf.title : "" }), order, true);
+  const layer = vector(source, () => styled(leaf.look, { theme }), order);
+  const nameplates = vector(source, feature => titled(leaf.look, { theme, label: feature === point ? leaf.title : "" }), NAMES + order, true);
   return {
-    ...leaf, layer, every: [line], fixes,
+    ...leaf, layer, nameplates, every: [line], fixes,
     update(now) {
       theme = now.theme;
       const fix = fixes.find(one => one.time === now.time);
@@ -171,6 +179,7 @@ function track(leaf, files, map, order) {
         source.addFeature(point);
       }
       layer.changed();
+      nameplates.changed();
     },
     told: feature => {
       const fix = feature === point && fixes.find(one => map.forward(one.at).join() === point.getGeometry().getCoordinates().join());
@@ -339,7 +348,7 @@ function maps(leaf, files, map, order) {
         const scale = leaf.density[now.story]; // a scenario's colour scale ends with its own densest cells
         top = Math.min(top, unpack.density(scale, frame.values.reduce((a, b) => Math.max(a, b), 0)));
       }
-      colours = shading(now.theme);
+      colours = shading(now.theme, leaf.pale[Math.max(k, 0)] ? PALE : FULL_COLOUR);
       source.changed();
     },
     scale: () => ({ colours, top: top * NMI * NMI }),

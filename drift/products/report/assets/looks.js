@@ -48,14 +48,16 @@ function tinted(text, share) {
   return `rgba(${rgb(text).join(",")},${share})`;
 }
 
+const FULL_COLOUR = 235, PALE = 80; // opacity of the shading, of 255; pale where most is ashore and the coast comes first
+
 // 256 colours of shading, as ABGR of a little-endian canvas; on a dark page the densest cells are the lightest.
-function shading(theme) {
+function shading(theme, opacity) {
   const colours = new Uint32Array(256), list = theme === "dark" ? [...SHADES].reverse() : SHADES;
   for (let k = 0; k < 256; k++) {
     const at = (k / 255) * (list.length - 1), i = Math.min(list.length - 2, Math.floor(at)), share = at - i;
     const [a, b] = [rgb(list[i]), rgb(list[i + 1])];
     const [red, green, blue] = a.map((value, j) => Math.round(value + share * (b[j] - value)));
-    colours[k] = ((235 << 24) | (blue << 16) | (green << 8) | red) >>> 0;
+    colours[k] = ((opacity << 24) | (blue << 16) | (green << 8) | red) >>> 0;
   }
   return colours;
 }
@@ -77,7 +79,7 @@ function banded(look, theme, share) {
     .map(([width, color]) => new ol.style.Style({ stroke: new ol.style.Stroke({ color, width }) }));
 }
 
-// The styles of a shape. now: {theme, strong: drawn bolder, pale: drawn lighter, label, dash, width, colour, size: of its symbol, as a share,
+// The styles of a shape. now: {theme, strong: drawn bolder, pale: drawn lighter, dash, width, colour, size: of its symbol, as a share,
 // opaque: how much a dot is, as a share}.
 function styled(look, now) {
   const made = LOOKS[look], inks = INKS[now.theme], ink = now.colour || inks[made.ink];
@@ -91,8 +93,22 @@ function styled(look, now) {
   const lines = feature => feature.get("outline") || feature.getGeometry();
   const styles = [new ol.style.Style({ stroke: halo, geometry: lines }), new ol.style.Style({ stroke, image, geometry: lines })];
   if (made.fill && made.symbol !== "dot") styles.push(new ol.style.Style({ fill }));
-  if (now.label) styles.push(new ol.style.Style({ text: lettered(now.label, ink, inks.halo, now.along), geometry: now.along ? lines : feature => nameplate(feature.getGeometry()) }));
   return styles;
+}
+
+// The style of a shape's name. now: {theme, label, along: written along the longest outlines, colour}.
+function titled(look, now) {
+  const inks = INKS[now.theme], ink = now.colour || inks[LOOKS[look].ink];
+  if (!now.label) return [];
+  return [new ol.style.Style({ text: lettered(now.label, ink, inks.halo, now.along), geometry: now.along ? longest : feature => nameplate(feature.getGeometry()) })];
+}
+
+// The outlines that carry a shape's name: the longest, and those at least half as long.
+function longest(feature) {
+  const lines = feature.get("outline")?.getLineStrings();
+  if (!lines?.length) return feature.getGeometry();
+  const most = Math.max(...lines.map(line => line.getLength()));
+  return new ol.geom.MultiLineString(lines.filter(line => line.getLength() >= most / 2));
 }
 
 // The position of a shape's name: one, however many parts it has.

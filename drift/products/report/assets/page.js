@@ -19,7 +19,8 @@
     get("caution").textContent = data.caution;
     get("caution").hidden = false;
   }
-  for (const leaf of data.leaves.filter(one => one.leaf === "headline")) get("headline").append(element("p", leaf.words));
+  const headlines = data.leaves.filter(one => one.leaf === "headline").sort((a, b) => b.first - a.first);
+  for (const leaf of headlines) get("headline").append(element("p", leaf.words));
   for (const warning of data.warnings) get("warnings").append(element("li", warning));
   const { attributes } = data;
   get("footer").textContent = `${data.source}. Run ${attributes.run_id}, ${attributes.date_created}. Versions: ${attributes.versions}. Map: OpenLayers ${ol.util.VERSION} (BSD 2-Clause).`;
@@ -44,6 +45,10 @@
   for (const one of layers) {
     one.layer.setVisible(one.shown);
     chart.addLayer(one.layer);
+    if (!one.nameplates) continue;
+    one.nameplates.setVisible(one.shown);
+    one.layer.on("change:visible", () => one.nameplates.setVisible(one.layer.getVisible()));
+    chart.addLayer(one.nameplates);
   }
   const raster = layers.find(one => one.leaf === "maps");
   const times = raster ? raster.time : [...new Set(layers.flatMap(one => one.time || []))].sort((a, b) => a - b);
@@ -126,7 +131,7 @@
       const { distance, bearing } = toward(fix.at, where);
       parts.push(`${(distance / NMI).toFixed(1)} nmi, ${String(Math.round(bearing) % 360).padStart(3, "0")}° from ${datum.title.toLowerCase()}`);
     }
-    const under = chart.getFeaturesAtPixel(chart.getPixelFromCoordinate(aimed) || [0, 0], { hitTolerance: 5, layerFilter: layer => layers.some(one => one.layer === layer) });
+    const under = chart.getFeaturesAtPixel(chart.getPixelFromCoordinate(aimed) || [0, 0], { hitTolerance: 5, layerFilter: layer => layers.some(one => one.layer === layer || one.nameplates === layer) });
     const names = [...new Set(under.map(feature => named(feature)).filter(Boolean))];
     get("readout").textContent = [parts.join("  ·  "), names.slice(0, 4).join("; ")].filter(Boolean).join("\n");
   }
@@ -145,7 +150,7 @@
   }
 
   function pick(pixel) {
-    const under = chart.getFeaturesAtPixel(pixel, { hitTolerance: 6, layerFilter: layer => layers.some(one => one.layer === layer) });
+    const under = chart.getFeaturesAtPixel(pixel, { hitTolerance: 6, layerFilter: layer => layers.some(one => one.layer === layer || one.nameplates === layer) });
     const place = get("picked");
     place.replaceChildren();
     const seen = new Set();

@@ -22,9 +22,9 @@ def washup_headline(data: xr.Dataset) -> str:
     ashore = at.sel(fate="ashore")
     expected, lost = ashore["total"].item(), at["total"].values.sum()
     if expected < MENTIONED:
-        return f"By {when} hardly any of {lost:,.0f} objects is ashore."
+        return f"By {when}, hardly any of {lost:,.0f} objects is ashore."
     low, _, high = ashore["total_number"].values
-    words = f"By {when} {labels.number(expected)} of {lost:,.0f} objects are expected ashore"
+    words = f"By {when}, {labels.number(expected)} of {lost:,.0f} objects are expected ashore"
     words += f" ({low:,.0f} to {high:,.0f} with 80 % probability)." if high > low else "."
     worst = at.isel(segment=washup.worst_stretches(data, 1)[0])
     name, near = worst["name"].item(), worst["near"].item()

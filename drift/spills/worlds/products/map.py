@@ -490,7 +490,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
         (
             1.385,
             "right",
-            "+- sampling",
+            "+-",
             [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]],
         ),
         (
@@ -556,9 +556,9 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     figure.text(
         0.7,
         0.047,
-        "Times: over the simulated spills in which any object arrives.\n"
-        "+-: sampling error of the expected number, no range. Stretches\n"
-        f"that objects reach with under {100 * LEAST:g} % are not drawn, if others are.",
+        "Times: of the simulated spills in which an object arrives.\n"
+        "+-: sampling error of the expected number.\n"
+        f"Not drawn: stretches reached with a probability below {100 * LEAST:g} %.",
         fontsize=7.5,
         color=GREY,
         va="center",

@@ -56,7 +56,7 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
     )
     quiet = [leaves.text_leaf("Absence of finds", words=words)] if silence and not finds else []
     return [
-        leaves.headline_leaf(headline),
+        leaves.headline_leaf(headline, first=True),
         leaves.shapes_leaf(
             "Washup by stretch",
             "washup.geojson",

@@ -267,8 +267,8 @@ SQUARE = network(
         ([], "route: 0 nodes; at least 2 are needed"),
         (["A", "Z"], 'route: no node "Z" in the network; there are "A", "B", "C", "D"'),
         (["A", "A"], 'route: "A" follows itself; name each node once where it is passed'),
-        (["A", "C"], 'route: no lane from "A" to "C"; from "A" lanes lead to "B"; the shortest way to "C" is by "B"'),
-        (["A", "D"], 'route: no lane from "A" to "D"; from "A" lanes lead to "B"; the shortest way to "D" is by "B", "C"'),
+        (["A", "C"], 'route: no lane from "A" to "C"; from "A" lanes lead to "B"; the shortest way to "C" is by "B"; list these nodes too'),
+        (["A", "D"], 'route: no lane from "A" to "D"; from "A" lanes lead to "B"; the shortest way to "D" is by "B", "C"; list these nodes too'),
         (
             ["C", "B"],
             'route: no lane from "C" to "B", as that from "B" to "C" is one-way; from "C" lanes lead to "D", and none '

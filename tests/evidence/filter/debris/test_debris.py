@@ -4,8 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import trial_case
 
-import drift
 from drift.engine.motion.drift import COLUMNS, DRIFT
 from drift.engine.motion.forcing import Forcing, Sources
 from drift.engine.motion.models import MODELS
@@ -16,23 +16,6 @@ from drift.pipeline import run_setup
 from geo.forcing import sources
 from kernels.step import advance as kernel
 
-CASE = """
-start = "2026-11-21T06:00Z"
-duration = "10 h"
-coast.source = "none"
-particles = 100
-[[current]]
-constant = { speed = "0.3 m/s", toward = 70 }
-[[scenario]]
-name = "boat"
-object = "water"
-position = { at = [3.0, 2.0], std = 0 }
-[[contact]]
-time = "+3 h"
-of = "water"
-position = { at = [3.0, 2.0], error = "1 nmi" }
-"""
-
 
 def test_debris_drifts_however_its_object_moves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -40,8 +23,12 @@ def test_debris_drifts_however_its_object_moves(
     monkeypatch.setitem(
         MODELS, "steaming", replace(DRIFT, forced=False, columns=(), draw=lambda *given: None)
     )
-    (tmp_path / "case.toml").write_text(CASE)
-    spec = run_setup.ensemble_spec(case := drift.load(tmp_path / "case.toml"))
+    seen = {
+        "time": "+3 h",
+        "of": "water",
+        "position": {"at": "27 30N 088 00W", "error": "1 nmi"},
+    }
+    spec = run_setup.ensemble_spec(case := trial_case.load(tmp_path, contact=[seen]))
     spec = replace(
         spec, scenarios=tuple(replace(s, model="steaming", motion=8.0) for s in spec.scenarios)
     )

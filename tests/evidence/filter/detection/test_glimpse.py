@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
+import trial_case
 import xarray as xr
 from scipy.interpolate import RegularGridInterpolator
 
@@ -19,23 +20,6 @@ from geo import sphere
 GEOD = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 NMI, HOUR = 1852.0, 3600.0
 FINE = 60  # points of a step at which the oracle asks
-HEAD = """
-title = "glimpse"
-start = "2026-11-21T00:00Z"
-duration = "6 h"
-particles = 2000
-output.every = "30 min"
-output.trajectories = 2000
-clock.step = "30 min"
-coast.source = "none"
-uncertainty = "none"
-[[current]]
-constant = { speed = "3 kn", toward = 70 }
-[[scenario]]
-name = "raft"
-object = "water"
-position = { at = [179.9, 51.3], std = "6 nmi" }
-"""
 WATCH = """
 [[sensor]]
 name = "radar"
@@ -54,8 +38,17 @@ def run(
     tmp_path: Path, pod: xr.DataArray, at: str = "", per: str = "", way: str = ""
 ) -> drift.Result:
     pod.to_dataset(name="pod").to_netcdf(tmp_path / "pod.nc")
-    (tmp_path / "case.toml").write_text(HEAD + WATCH.format(at=at, per=per, way=way))
-    return drift.run(drift.load(tmp_path / "case.toml"))
+    case = trial_case.load(
+        tmp_path,
+        WATCH.format(at=at, per=per, way=way),
+        particles=2000,
+        output={"every": "30 min", "trajectories": 2000},
+        clock={"step": "30 min"},
+        uncertainty="none",
+        current={"constant": {"speed": "3 kn", "toward": 70}},
+        scenario={"position": {"at": [179.9, 51.3], "std": "6 nmi"}},
+    )
+    return drift.run(case)
 
 
 def paths(result: drift.Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,11 +1,5 @@
 """Watches of passive sonars, particle by particle, against the sonar equation and the renewal
 equation in float64.
-
-How far a log weight may be off is told in decibels: as far as that of a sonar that is TOLERANCE
-better or worse. Noise and the array's heading are those of the middle of a part, in which the noise
-changes by a quarter of a decibel (0.13); tables are those of the array's middle place (0.05 here),
-bearings are laid out to a tenth of a degree (0.02), and the rule of parts and the oracle's own
-times leave the rest.
 """
 
 import itertools
@@ -18,75 +12,25 @@ from typing import Any
 import numpy as np
 import pytest
 import sonars
-from one_thread import Process
-from scipy import integrate, special
-from sonars import KNOT, NMI, Sonar, Way, heard, louder, missed, rhumb, run
-
-import drift
-from drift.pipeline import flow, run_setup
-
-TOLERANCE = 0.25  # [dB]
-ROUNDING = 2e-5  # of float32 in logs of weights
-RAFT = """
-[[current]]
-constant = { speed = "0 kn", toward = 0 }
-[[scenario]]
-name = "raft"
-object = "water"
-position = { at = [-30.0, 36.0], std = "25 nmi" }
-"""
-RANGES = np.arange(0, 120_001.0, 2000.0)
-RADIALS, SIDES, AROUND = (np.arange(0, 360, by, float) for by in (30, 15, 45))
-NOISE = np.array(
-    [
-        [70, 73, 71, 75, 72, 70, 74, 69.0],
-        [72, 75, 74, 75, 73, 71, 75, 70.0],
-        [69, 70, 74, 77, 72, 75, 70, 69.0],
-    ]
+from listening_arrays import (
+    AROUND,
+    CURRENT,
+    LEVELS,
+    MOVING,
+    NOISE,
+    PLACES,
+    PORTS,
+    RADIALS,
+    RAFT,
+    STEAD,
+    TURN,
+    WATCH,
+    agree,
+    array,
+    towed,
 )
-
-
-def losses(number: int, radials: np.ndarray = RADIALS) -> np.ndarray:
-    """Return losses of a place, with a convergence zone: those of no two bearings and no two places
-    are the same.
-    """
-    spread = 60 + (11 + number) * np.log10(1 + RANGES / 1000)
-    zone = 9 * np.exp(-(((RANGES - 55_000 - 5000 * number) / 5000) ** 2))
-    turned = np.sin(np.radians(radials + 40 * number))[:, None] * np.minimum(RANGES / 3e4, 1)
-    return np.round(spread - zone + 4 * turned, 3)
-
-
-def array(*places: tuple[float, float], radials: np.ndarray = RADIALS, **more: Any) -> Sonar:
-    """Return a sonar whose port side is not like its starboard side."""
-    gain = np.round(4 + 5 * np.cos(np.radians(SIDES - 50)) + 2 * np.sin(np.radians(3 * SIDES)), 3)
-    own: dict[str, Any] = {
-        "places": places, "radials": radials, "ranges": RANGES, "hours": (0.0, 2.5, 6.0), "around": AROUND, "noise": NOISE,
-        "loss": np.stack([losses(k, radials) for k in range(max(len(places), 1))]), "sides": SIDES, "gain": gain,
-        "levels": {"raft": 140.0},
-    }  # fmt: skip
-    return Sonar(**own | more)
-
-
-def agree(
-    found: np.ndarray,
-    expected: Callable[[Sonar], np.ndarray],
-    sonar: Sonar,
-    tolerance: float = TOLERANCE,
-) -> float:
-    """Hold logs of weights against those expected of a sonar; return the worst deviation [1]."""
-    better, worse = (expected(louder(sonar, more)) for more in (tolerance, -tolerance))
-    off = found - expected(sonar)
-    assert np.all(found > better - ROUNDING), (better - found).max()
-    assert np.all(found < worse + ROUNDING), (found - worse).max()
-    return float(np.abs(off).max())
-
-
-TURN = Way((0.7, 2.9, 5.4), ((-30.3, 35.8), (-30.0, 36.1), (-29.6, 36.0)))
-PLACES = (-30.5, 35.6), (-29.2, 35.7), (-29.9, 36.6)
-
-
-def towed(sonar: Sonar, way: Way = TURN, more: str = "") -> str:
-    return f'[[sortie]]\nname = "w"\nwaypoints = {way.text()}\nwatch = {{ sensor = "{sonar.name}" }}\n{more}'
+from scipy import integrate, special
+from sonars import KNOT, NMI, Sonar, Way, heard, missed, rhumb, run
 
 
 def times(way: Way, many: int) -> np.ndarray:
@@ -180,48 +124,6 @@ def test_transit_legs_hear_nothing(tmp_path: Path) -> None:
     agree(ran.said[far], expected, sonar)
 
 
-# What moves past a sonar that stands: by scenario, where it is and how loud.
-CURRENT = (1.3, 63.0)  # [kn] toward
-PORTS = ((-30.9, 35.7), (-30.35, 36.15), (-29.7, 35.9))
-STEAD = (-30.2, 35.75)
-MOVING = f"""
-[[current]]
-constant = {{ speed = "{CURRENT[0]} kn", toward = {CURRENT[1]} }}
-[[scenario]]
-name = "raft"
-object = "water"
-position = {{ at = [-30.0, 36.0], std = "15 nmi", time = "+0 h", until = "+4 h" }}
-[[scenario]]
-name = "steady"
-position = {{ at = [-30.5, 36.0], std = "10 nmi" }}
-[[scenario.phase]]
-course.course = 127
-course.speed = "9 kn"
-[[scenario]]
-name = "voyage"
-[[scenario.phase]]
-[scenario.phase.voyage]
-waypoints = {[list(at) for at in PORTS]}
-departure = ["+0 h", "+2.5 h"]
-speed = "15 kn"
-[[scenario]]
-name = "yacht"
-object = "water"
-distress = {{ between = ["+0.5 h", "+5 h"] }}
-[[scenario.phase]]
-[scenario.phase.voyage]
-waypoints = {[list(at) for at in PORTS]}
-departure = ["+0 h", "+1 h"]
-speed = "7 kn"
-"""
-LEVELS = {
-    "raft": 141.0,
-    "steady": [(3, 121.0), (12, 143.0)],
-    "voyage": [(5, 118.0), (10, 131.0), (20, 140.0)],
-    "yacht": [(0, 150.0), (1, 139.0), (6, 131.0), (9, 137.0)],
-}
-
-
 def on_voyage(miles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return where so many miles from the first port are, along great circles."""
     legs = [sonars.GLOBE.inv(*a, *b) for a, b in itertools.pairwise(PORTS)]
@@ -301,8 +203,6 @@ def test_what_moves_past_a_sonar(tmp_path: Path, step: int) -> None:
     agree(ran.said[far], expected, sonar)
 
 
-WATCH = '[[sortie]]\nname = "w"\nstart = "+0.3 h"\nend = "+5.6 h"\nwatch = { sensor = "ears" }\n'
-LOOK = '[[look]]\nname = "x"\ntime = "+3.3 h"\nsees = "nothing"\nsensor = "ears"\n'
 LAND = [[-29.95, 35.0], [-29.0, 35.0], [-29.0, 37.0], [-29.95, 37.0], [-29.95, 35.0]]
 
 
@@ -416,53 +316,6 @@ def test_watches_and_looks_share_an_unknown(tmp_path: Path, share: float) -> Non
     )
 
 
-def everything(tmp_path: Path, unknown: float = 3.0) -> str:
-    """Return what moves, two watches that share an unknown and a look."""
-    ears = array(at=STEAD, heading=205.0, levels=LEVELS, unknown=unknown, group="both")
-    towed_one = array(*PLACES, name="tail", levels=LEVELS, unknown=unknown, group="both")
-    return (
-        MOVING
-        + ears.text(tmp_path)
-        + towed_one.text(tmp_path)
-        + WATCH
-        + towed(towed_one).replace('"w"', '"t"')
-        + LOOK
-    )
-
-
-@pytest.mark.thorough
-def test_outputs_show_watches_under_way_and_change_nothing(tmp_path: Path) -> None:
-    """In the middle of a watch weights are those of a watch that ends there; the end has the same
-    bits.
-    """
-    text = everything(tmp_path)
-    plain = run(tmp_path, text)
-    more = run(tmp_path, text, outputs=[0.31, 1.1, 1.25, 2.9, 3.3, 4.0, 5.5])
-    assert plain.said.tobytes() == more.said.tobytes()
-    assert len(np.unique(plain.said)) > 200
-    sonar = array(at=STEAD, heading=205.0, levels=LEVELS)
-    whole = run(tmp_path, MOVING + sonar.text(tmp_path) + WATCH, outputs=[2.2])
-    part = run(tmp_path, MOVING + sonar.text(tmp_path) + WATCH.replace("+5.6 h", "+2.2 h"))
-    then = (
-        next(m for m in whole.moments if m.elapsed == 7920).log_weight.astype(float)
-        - whole.moments[0].log_weight
-    )
-    np.testing.assert_array_equal(then, part.said)
-
-
-THREADS = """
-from pathlib import Path
-import sonars
-answer = sonars.run(Path(given[0]), given[1]).said.tobytes().hex()
-"""
-
-
-@pytest.mark.thorough
-def test_one_thread_and_two(one_thread: Process, tmp_path: Path) -> None:
-    text = everything(tmp_path)
-    assert one_thread.ask(THREADS, str(tmp_path), text) == run(tmp_path, text).said.tobytes().hex()
-
-
 BRIDGE = """
 [[scenario]]
 name = "smuggler"
@@ -519,77 +372,3 @@ def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path) -> None:
     means = [own.mean() for own in found]
     noise = 3 * pod.std() * math.sqrt(2 / many)
     assert max(means) - min(means) < 0.02 * pod.mean() + noise
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("method", "across"),
-    [
-        pytest.param("kahn", "false", marks=pytest.mark.thorough),
-        ("systematic", "true"),
-    ],
-)
-def test_resampling_keeps_what_has_been_heard(tmp_path: Path, method: str, across: str) -> None:
-    """Resampled in the middle of watches that share an unknown: evidence by scenario within 3.5
-    standard errors of the draw.
-    """
-    text = everything(tmp_path)
-    text += '[[look]]\nname = "y"\ntime = "+2.1 h"\nsees = "something"\n'
-    text += 'at = [-30.2, 36.0]\nradius = "14 nmi"\nfalse_alarms = 0.05\n'
-    plain = run(tmp_path, text, particles=2000)
-    anew = run(
-        tmp_path,
-        text + f'[resampling]\nmethod = "{method}"\nbelow = 0.9\nacross_scenarios = {across}\n',
-        particles=2000,
-    )
-    assert any(update.resampled for update in anew.updates.all)
-    found, exact = (
-        sum(update.log_evidence[:4] for update in ran.updates.all) for ran in (anew, plain)
-    )
-    for k in range(4):
-        likelihood = np.exp(plain.said[plain.scenario == k])
-        error = likelihood.std() / likelihood.mean() / math.sqrt(likelihood.size)
-        # The draw adds at most as much again as there is between particles.
-        assert abs(found[k] - exact[k]) < 3.5 * math.sqrt(2) * error, k
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("coarse_maps")
-def test_in_shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three shards tell to the bit what one piece does: tracks with weights, updates."""
-    monkeypatch.setattr(flow, "write_results", lambda *given, **more: None)
-    text = sonars.HEAD.replace("DURATION", "6").replace("PARTICLES", "9000").replace(
-        "STEP", "60"
-    ) + everything(tmp_path)
-    text = text.replace("output.times = []", 'output.every = "6 h"\noutput.trajectories = 9000')
-    (tmp_path / "case.toml").write_text(text)
-    case = drift.load(tmp_path / "case.toml")
-    one, three = drift.run(case), drift.run(case, shards=3)
-    for name in ("lon", "lat", "status", "weight"):
-        assert (
-            getattr(one.trajectories, name).tobytes() == getattr(three.trajectories, name).tobytes()
-        ), name
-    assert one.updates is not None
-    assert three.updates is not None
-    assert len(one.updates.all) == 3
-    for a, b in zip(one.updates.all, three.updates.all, strict=True):
-        assert np.asarray(a.log_evidence).tobytes() == np.asarray(b.log_evidence).tobytes()
-
-
-def test_memory_of_what_listens_is_reckoned(tmp_path: Path) -> None:
-    """A watch keeps 17 numbers of four bytes for each value of its unknown, of which there are 8,
-    and an output a copy.
-    """
-    path = tmp_path / "case.toml"
-    head = sonars.HEAD.replace("DURATION", "6").replace("PARTICLES", "100").replace("STEP", "60")
-    sonar = array(at=STEAD, heading=205.0, unknown=3.0)
-    found = []
-    for watch in (
-        "",
-        WATCH.replace("5.6", "2"),
-        WATCH.replace("5.6", "2") + WATCH.replace("0.3", "2").replace('"w"', '"v"'),
-    ):
-        path.write_text(head + RAFT + sonar.text(tmp_path) + LOOK + watch)
-        found.append(run_setup.extra_bytes_per_particle(drift.load(path)))
-    assert 2 * 17 * 4 * 8 <= found[1] - found[0] < 2 * 17 * 4 * 8 + 50
-    assert found[2] - found[1] < 50  # it begins when the other is over
