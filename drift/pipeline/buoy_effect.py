@@ -4,8 +4,10 @@ The areas are those of small forecasts before any search, on common random numbe
 with none, and without each.
 """
 
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,14 +15,17 @@ import numpy as np
 from drift.case.record import Case
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import scene, simulate
-from drift.engine.motion.buoys import Buoys
+from drift.engine.motion.buoys import Buoys, BuoyTrack
 from drift.engine.motion.spool import SnapshotStore
 from drift.evidence.filter.records import Sensors
 from drift.forecast import build
 from drift.pipeline import run_setup
+from drift.products.files.chapter import OutputBundle
+from drift.products.maps.marks import Line, Mark
+from drift.products.report import leaves
 from geo import notation
 from geo.array import Array
-from geo.notation import NMI
+from geo.notation import KNOT, NMI
 
 PARTICLES = 20_000  # of each small forecast
 
@@ -52,6 +57,54 @@ def summary_of_buoys(case: Case, where: Environment, buoys: Buoys) -> dict[str, 
             rest = case.drifters[:number] + case.drifters[number + 1 :]
             own["area_nmi2_without_it"] = _areas(case, where, rest, small)
     return found
+
+
+def buoys_bundle(found: Mapping[str, Any], buoys: Sequence[BuoyTrack]) -> OutputBundle:
+    """Return the report's layer and table of drifting buoys; found: of `summary_of_buoys`."""
+    return OutputBundle(leaves=(partial(_leaves, found, buoys),))
+
+
+def _leaves(found: Mapping[str, Any], buoys: Sequence[BuoyTrack]) -> list[Any]:
+    """Return a layer of the buoys' tracks, and a table of what each showed."""
+    tracks = [Line(own.lon.tolist(), own.lat.tolist(), "") for own in buoys]
+    last = [Mark(float(own.lon[-1]), float(own.lat[-1]), own.name) for own in buoys]
+    areas = found.get("area_nmi2", {})
+    rows = [
+        [
+            own["name"],
+            own["displacements"],
+            notation.format_dtg(own["last_fix"]),
+            f"{own['excess_m_s'] / KNOT:.2f} kn toward {notation.bearing(own['excess_toward_deg'])}",
+            _listed(own.get("area_nmi2_without_it", areas.get("without", {}))),
+        ]
+        for own in found["buoys"]
+    ]
+    columns = [
+        ("name", "Buoy", "words"),
+        ("displacements", "Displacements", "count"),
+        ("last_fix", "Until", "words"),
+        ("excess", "Current beyond the forcing", "words"),
+        ("without", "Areas without it [nmi2]", "words"),
+    ]
+    note = " ".join(
+        [
+            *(
+                [f"Areas with all buoys, before any search: {_listed(areas['with'])} nmi2."]
+                if areas
+                else []
+            ),
+            *found["notes"],
+        ]
+    )
+    return [
+        leaves.marks_leaf("Drifting buoys", last, tracks, "buoy"),
+        leaves.table_leaf("Drifting buoys", columns, rows=rows, note=note, unfolded=True),
+    ]
+
+
+def _listed(areas: Mapping[str, float]) -> str:
+    """Return areas by share in one line."""
+    return ", ".join(f"{share} {area:,.0f}" for share, area in areas.items())
 
 
 def _seen_by(case: Case, buoys: Buoys, number: int) -> dict[str, Any]:

@@ -543,6 +543,8 @@ def _write(
         )
     ]
     chapters.append(OutputBundle(leaves=(partial(_environment_items, result, on),)))
+    if "drifters" in result.summary:
+        chapters.append(buoy_effect.buoys_bundle(result.summary["drifters"], case.drifters))
     if after is not None:
         chapters.append(spill_chapter.spill_bundle(spill_chapter.SpillOutputs(after, on)))
     if updates is not None:

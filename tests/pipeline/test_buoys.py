@@ -8,10 +8,11 @@ import pytest
 import xarray as xr
 from buoys import conditioned
 
+import drift
 from drift.case import file as case_file
 from drift.engine.motion import simulate
 from drift.engine.motion.buoy_errors import Fixes, Law, correlation
-from drift.pipeline import run_setup
+from drift.pipeline import buoy_effect, run_setup
 from geo import sphere
 from geo.errors import UserError
 from kernels.runtime import runtime
@@ -246,3 +247,30 @@ def test_a_buoy_where_the_domain_cuts_the_forcing_off_is_rejected(tmp_path: Path
         moved(tmp_path, BUOY.format("buoy"), text=text, particles=500)
     wide = text.replace("south = -0.3", "south = -1").replace("north = 0.3", "north = 1.45")
     moved(tmp_path, BUOY.format("buoy"), text=wide, particles=500)
+
+
+def test_the_summary_and_the_report_say_what_each_buoy_showed(tmp_path: Path) -> None:
+    """Two buoys with the same error; the mean of the errors given their tracks is next to it."""
+    pull = np.array([0.21, -0.13])
+    time = np.arange(0, 5.01, 0.5) * HOUR
+    for name, away in (("near", 1.0), ("far", 3.0)):
+        write_track(tmp_path, name, time, *(away * AWAY + np.outer(time, CURRENT + pull)).T)
+    path = tmp_path / "case.toml"
+    words = {"hours": 6, "particles": 2000, "step": "15 min"}
+    path.write_text(CASE.format(more=BUOY.format("near") + BUOY.format("far"), **words))
+    result = drift.run(drift.load(path))
+    found = result.summary["drifters"]
+    assert [own["name"] for own in found["buoys"]] == ["near", "far"]
+    for own in found["buoys"]:
+        assert own["displacements"] == 10
+        assert own["last_fix"] == "2026-03-05T05:00:00"
+        assert own["excess_m_s"] == pytest.approx(np.hypot(*pull), rel=0.03)
+        assert own["excess_toward_deg"] == pytest.approx(np.degrees(np.arctan2(*pull)), abs=1)
+    near, far = (own["area_nmi2_without_it"]["95%"] for own in found["buoys"])
+    areas = found["area_nmi2"]
+    # without the buoy far off the near one remains; areas of 2,000 particles err by some percent
+    assert max(areas["with"]["95%"], far) < 0.9 * min(near, areas["without"]["95%"])
+    layer, table = buoy_effect.buoys_bundle(found, result.case.drifters).leaves[0]()
+    assert [f["properties"]["name"] for f in layer["features"]] == ["near", "far", "", ""]
+    assert [row[0] for row in table["rows"]] == ["near", "far"]
+    assert "0.48 kn toward 121.8" in str(table["rows"][0])

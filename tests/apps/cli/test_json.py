@@ -91,7 +91,7 @@ def test_a_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     )
     assert summary["opens"] == found["opens"]["time"] == begin["time"]
     assert found["opens"]["area_m2"]["50%"] == pytest.approx(1e6 * begin["area_km2"]["50%"])
-    assert f"50% {begin['area_nmi2']['50%']:,.0f} nmi2, " in found["facts"]["map.png, report.html"]
+    assert f"50% {begin['area_nmi2']['50%']:.3g} nmi2, " in found["facts"]["map.png, report.html"]
 
 
 def test_a_run_whose_map_opens_at_its_end_says_nothing_of_it(
