@@ -121,7 +121,7 @@ def expected(fixes: Fixes, last: float, dt: float, n: int, hours: float = 16) ->
     return place
 
 
-@pytest.mark.parametrize("step", ["30 min", "5 min"])
+@pytest.mark.parametrize("step", ["30 min", pytest.param("5 min", marks=pytest.mark.thorough)])
 def test_a_cloud_beside_a_buoy_is_that_of_conditioned_errors(tmp_path: Path, step: str) -> None:
     """Mean and covariance, at two steps; the buoy is seen for 9 of 16 hours."""
     time, pull = np.arange(0, 9 * HOUR + 1, 1800.0), np.array([0.21, -0.13])
