@@ -342,8 +342,12 @@ def _observing(Ways: Any, steers: bool) -> Any:
                 if not there:
                     here = NONE
             if ti.static(kind == IN_BOX or kind == IN_DISC):
-                # it has not departed yet, or has left or sunk
-                if here == NONE and state <= life.PENDING:
+                # A target that has gone adrift has no steered path either: it is observed as it
+                # drifts. One that is still under way has no straight one.
+                elsewhere = state <= life.PENDING
+                if ti.static(steers):
+                    elsewhere = state == life.PENDING or state == life.LEFT
+                if here == NONE and elsewhere:
                     stays = 0.0
             while here != NONE and stays > 0.0 and log_stayed > -ti.math.inf:
                 piece = pieces.load_piece(

@@ -167,7 +167,7 @@ def test_files_and_sheets_carry_the_way(planned: tuple[Path, Plan]) -> None:
     assert "nmi by sea" in text
     assert "Cut legs" in text
     assert " in pieces of up to " in text
-    assert "check the ways on a chart" in " ".join(text.split())
+    assert "check each way on a chart" in " ".join(text.split())
     told = next(
         task
         for task in json.loads((out / "plan.json").read_text())["taskings"]
