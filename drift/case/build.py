@@ -200,6 +200,7 @@ def _drifters(
         buoys = drifter_table.build_drifters(table.drifter, run)
         if run.scenarios:
             drifter_table.check_near(buoys, run.scenarios, current.length)
+            drifter_table.check_wind(buoys, run.scenarios)
         return buoys
     return ()
 

@@ -28,6 +28,7 @@ from geo.array import Array
 from geo.notation import KNOT, NMI
 
 PARTICLES = 20_000  # of each small forecast
+MOST_LEFT_OUT = 4  # buoys up to which there is a forecast without each
 
 
 def summary_of_buoys(case: Case, where: Environment, buoys: Buoys) -> dict[str, Any]:
@@ -52,7 +53,7 @@ def summary_of_buoys(case: Case, where: Environment, buoys: Buoys) -> dict[str, 
         "with": _areas(case, where, case.drifters, small),
         "without": _areas(case, where, (), small),
     }
-    if len(shown) > 1:
+    if 1 < len(shown) <= MOST_LEFT_OUT:
         for number, own in enumerate(shown):
             rest = case.drifters[:number] + case.drifters[number + 1 :]
             own["area_nmi2_without_it"] = _areas(case, where, rest, small)
@@ -135,13 +136,9 @@ def _mean_excess(case: Case, buoys: Buoys, number: int) -> Array:
     seen = at_steps[(begins >= own.time[0]) & (begins <= own.time[-1])]
     if not seen.size:
         seen = at_steps[[int(np.argmin(np.abs(begins - own.time[0])))]]
-    factor = buoys.factors[seen, 0, number]  # (steps, m)
-    total = law.current_std * np.einsum("tj,tjc->tc", factor, states[seen, :m])
+    total = law.current_std * states[seen, number]
     if law.biased:
-        first = m * (1 + int(buoys.windy))
-        total = total + law.bias_std * np.einsum(
-            "tj,tjc->tc", factor, states[seen, first : first + m]
-        )
+        total = total + law.bias_std * states[seen, m * (1 + int(buoys.windy)) + number]
     return np.asarray(total.mean(axis=0))
 
 

@@ -2,8 +2,8 @@
 
 The forcing is sampled where each buoy was, for each scenario and member of an ensemble, and its
 displacements between fixes are compared with those by the forcing (drift.engine.motion.buoy_errors).
-Before its first and after its last fix a buoy is taken to have drifted with the forcing and the
-error that its nearest fixes show: errors go with the water.
+Before its first and after its last fix a buoy is taken to have drifted with the likeliest forcing
+and the error that its own track shows there: errors go with the water.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from drift.case.record import Case
-from drift.engine.environment import along_track
+from drift.engine.environment import along_track, domain
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import buoy_errors
 from drift.engine.motion import buoys as on_scene
@@ -27,8 +27,6 @@ from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
-
-RECENT = 3 * 3600.0  # [s] of a track over which its error at either end is the mean
 
 
 def law_of(case: Case) -> Law:
@@ -66,7 +64,12 @@ def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | 
     """
     if not case.drifters:
         return None
-    members = max(len(where.members), 1)
+    if domain.is_polar(where.box):
+        raise UserError(
+            f"{case.path.name}: [[drifter]]: the domain reaches a pole, where east at a buoy is not east at the object; "
+            "give a [domain] that ends before it, or leave the drifters out"
+        )
+    members, law = max(len(where.members), 1), law_of(case)
     edges, numbers = on_scene.step_edges(clock)
     tracks = [_track(buoy) for buoy in case.drifters]
     points = [along_track.quadrature_points(track.time) for track in tracks]
@@ -78,14 +81,23 @@ def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | 
             for buoy, point, velocity in zip(case.drifters, points, velocities, strict=True)
         ]
         times = clock.start + edges
+        likeliest = int(np.argmin(_mismatch(fixes)))
+        shown = hypotheses[likeliest]
         places = np.stack(
             [
-                _places(case, forcing, buoy, own, track, times)
+                _places(
+                    case,
+                    forcing,
+                    shown,
+                    buoy,
+                    _error_shown(own, law, times, likeliest),
+                    track,
+                    times,
+                )
                 for buoy, own, track in zip(case.drifters, fixes, tracks, strict=True)
             ],
             axis=1,
         )
-    law = law_of(case)
     windy = law.wind_std > 0
     middles = _middles(places)
     current = _factors(middles, law.current_length)
@@ -190,57 +202,79 @@ def _fixes(
     return Fixes(buoy.time, fresh, total - total[:, begin], buoy.error, buoy.windage)
 
 
+def _mismatch(fixes: Sequence[Fixes]) -> Array:
+    """Return the mean square speed beyond the forcing under each hypothesis, (hypotheses,)."""
+    total = np.zeros(len(fixes[0].excess))
+    for own in fixes:
+        step, moved = np.diff(own.time), np.diff(own.excess, axis=1)
+        known = ~own.fresh[1:]
+        total += ((moved[:, known] / step[known, None]) ** 2).sum(axis=(1, 2))
+    return total
+
+
+def _error_shown(own: Fixes, law: Law, times: Array, hypothesis: int) -> dict[int, Array]:
+    """Return the mean error of the current at a buoy by its own track, [m/s]: at its first fix (0)
+    and its last one (-1), the changing part and the constant one, (2, 2).
+    """
+    one = np.ones((times.size - 1, 1, 1))
+    shifted = replace(own, time=own.time, excess=own.excess[[hypothesis]])
+    given = buoy_errors.condition(law, times, (one, one if law.wind_std > 0 else None), [shifted])
+    means, found = given.means[:, 0], {}
+    for end in (0, -1):
+        k = int(np.clip(np.searchsorted(times, own.time[end]), 0, times.size - 1))
+        bias = law.bias_std * means[k, -2] if law.biased else np.zeros(2)
+        found[end] = np.stack([law.current_std * means[k, 0], bias])
+    return found
+
+
 def _places(
-    case: Case, forcing: Forcing, buoy: BuoyTrack, own: Fixes, track: Track, times: Array
+    case: Case,
+    forcing: Forcing,
+    hypothesis: tuple[int, int],
+    buoy: BuoyTrack,
+    error: dict[int, Array],
+    track: Track,
+    times: Array,
 ) -> Array:
     """Return lon, lat [deg] of a buoy at times [s since 1970], (times, 2)."""
     place = np.stack(track.at(np.clip(times, buoy.time[0], buoy.time[-1])), axis=-1)
-    for ahead in (False, True):
-        end = buoy.time[-1 if ahead else 0]
-        beyond = times > end if ahead else times < end
-        order = np.flatnonzero(beyond) if ahead else np.flatnonzero(beyond)[::-1]
-        start = (track.lon[-1], track.lat[-1]) if ahead else (track.lon[0], track.lat[0])
-        excess = _recent_excess(own, last=ahead)
-        steps = _advected(case, forcing, buoy, start, end, times[order], excess)
+    for end in (0, -1):
+        since = buoy.time[end]
+        beyond = np.flatnonzero(times > since if end else times < since)
+        order = beyond if end else beyond[::-1]
+        start = (track.lon[end], track.lat[end])
+        steps = _advected(case, forcing, hypothesis, buoy, start, since, times[order], error[end])
         for k, there in zip(order, steps, strict=True):
             place[k] = there
     return place
 
 
-def _recent_excess(own: Fixes, *, last: bool) -> Array:
-    """Return the mean velocity [m/s] beyond the forcing near an end of a track, (2,)."""
-    number = np.cumsum(own.fresh)
-    inside = np.flatnonzero(number == number[-1 if last else 0])
-    time, excess = own.time[inside], own.excess.mean(axis=0)[inside]
-    near = (time >= time[-1] - RECENT) if last else (time <= time[0] + RECENT)
-    time, excess = time[near], excess[near]
-    if time.size < 2:
-        return np.zeros(2)
-    return np.asarray((excess[-1] - excess[0]) / (time[-1] - time[0]))
-
-
 def _advected(
     case: Case,
     forcing: Forcing,
+    hypothesis: tuple[int, int],
     buoy: BuoyTrack,
     start: tuple[float, float],
     since: float,
     times: Array,
-    excess: Array,
+    error: Array,
 ) -> Iterator[tuple[float, float]]:
     """Yield lon, lat [deg] at times [s since 1970] of what drifts from a fix; backward in time, too.
 
-    The error fades with its decorrelation time; without forcing it stays where it is.
+    error: its changing part, which fades with its decorrelation time, and its bias, (2, 2) [m/s].
+    Without forcing a buoy moves by them alone.
     """
     lon, lat = np.radians(start[0]), np.radians(start[1])
-    windage, before = np.array([buoy.windage]), since
+    windage, before, memory = np.array([buoy.windage]), since, case.current_error.time
     for time in times:
         middle = np.array([np.rint((before + time) / 2)])
         x, y = (sphere.to_binary(np.degrees([angle])) for angle in (lon, lat))
-        velocity = _velocity(case, forcing, (0, 0), middle, x, y, windage)[0]
-        velocity = np.nan_to_num(velocity)
-        velocity = velocity + excess * np.exp(-abs(middle[0] - since) / case.current_error.time)
-        lon, lat = sphere.destination(lon, lat, *(velocity * (time - before)))
+        velocity = np.nan_to_num(_velocity(case, forcing, hypothesis, middle, x, y, windage)[0])
+        faded = memory * abs(
+            np.exp(-abs(before - since) / memory) - np.exp(-abs(time - since) / memory)
+        )
+        way = (velocity + error[1]) * (time - before) + error[0] * faded * np.sign(time - before)
+        lon, lat = sphere.destination(lon, lat, *way)
         before = time
         yield float(np.degrees(lon)), float(np.degrees(lat))
 

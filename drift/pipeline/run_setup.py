@@ -260,7 +260,14 @@ def extra_bytes_per_particle(case: Case) -> int:
     debris = len({contact.drifter for contact in case.contacts} - {None})
     steers = any(scenario.itinerary for scenario in case.scenarios)
     searched = SEARCHED + SORTIE * len(case.sorties) if is_weighted_by_evidence(case) else 0
-    return searched + STEERING * steers + DEBRIS * debris + _listening(case)
+    return searched + STEERING * steers + DEBRIS * debris + _listening(case) + _of_buoys(case)
+
+
+def _of_buoys(case: Case) -> int:
+    """Return the bytes per particle of the errors at drifting buoys, twice at the peak."""
+    if not case.drifters:
+        return 0
+    return 8 * (2 * buoy_errors_at.states_of(case) + 2 * len(case.drifters) + 6)
 
 
 def _listening(case: Case) -> int:
@@ -316,6 +323,8 @@ def check_array_size(card: int | None, case: Case, particles: int, what: str, re
     rows = (
         advance.ASIDE if card is not None and case.coast.source != "none" else len(advance.LEEWAY)
     )
+    if case.drifters:
+        rows = max(rows, 2 * (buoy_errors_at.states_of(case) + len(case.drifters)))
     # Taichi cannot allocate an array of 2^31 numbers, and int32 cannot index it
     most = (2**31 - 2) // rows
     if particles > most:

@@ -345,8 +345,6 @@ def _refloat(
     if ti.static(features & BIAS):
         held.error[0, j] += held.bias[0, j]
         held.error[1, j] += held.bias[1, j]
-    if ti.static(features & ERRORS and features & SHARED):
-        errors.share(features, held, j)
     led = f32x2(0.0)  # drift off the beach at both ends [m/s]
     for k in range(2):
         when = held.left[0, j] if k == 0 else held.finish[0, j]

@@ -1,10 +1,11 @@
 """Errors of current and wind that particles share with drifting buoys whose tracks are known.
 
-The errors at the buoys are a few standard normal processes (drift.engine.motion.buoy_errors). Given
-the tracks they have a mean, the same for all particles, and a deviation from it, which each particle
-draws for itself: a linear Gaussian process that is advanced once a step. The error of a particle
-has a correlation with that at each buoy that falls with the distance; the rest of its error is its
-own (kernels.step.errors).
+The errors at the buoys are Ornstein-Uhlenbeck processes (drift.engine.motion.buoy_errors). Given the
+tracks they have a mean, the same for all particles, and a deviation from it, which each particle
+draws for itself: a linear Gaussian process that is advanced once a step. What a particle shares with
+the buoys are their innovations: the normals of its own error in a step are correlated with theirs,
+by its distance from each buoy. So a particle's error alone is exactly the case's process, however
+far it moves from a buoy, and a buoy that shows nothing changes nothing.
 """
 
 from typing import Any
@@ -13,15 +14,17 @@ import taichi as ti
 
 from kernels.maths import noise, sphere
 from kernels.runtime import rows, runtime
+from kernels.step import life
 from kernels.step.coast import Ints, Reals
 
-# Columns in the rows of one array [m/s]: the mean over the step of the shared errors of current and
-# wind, the current's bias in it; and the share of a particle's own errors that is left (1: all).
+# Columns in the rows of one array: for this step's normals of the errors of current and wind, the
+# part that is given by the buoys, and the factor of what a particle draws itself.
 SHARED = (
     *("shared_current_east", "shared_current_north", "shared_wind_east", "shared_wind_north"),
     *("own_share_current", "own_share_wind"),
 )
 CURRENT, WIND, OWN_CURRENT, OWN_WIND = 0, 2, 4, 5
+BIAS = 4  # row of the bias in kernels.step.errors.ROWS
 
 
 Numbers = ti.types.struct(
@@ -33,6 +36,8 @@ Numbers = ti.types.struct(
     current_std=ti.f32,  # [m/s]
     wind_std=ti.f32,
     bias_std=ti.f32,
+    current_keep=ti.f32,  # autocorrelation over the step
+    wind_keep=ti.f32,
     current_length=ti.f32,  # [m] over which errors are correlated
     wind_length=ti.f32,
     members=ti.i32,  # of the forcing ensemble, 1 without one
@@ -129,6 +134,53 @@ def _measure(
         z[(first + b) * n + i] = apart
 
 
+@ti.func
+def _share(
+    own: ti.template(), shared: ti.template(), z: ti.template(), scratch: ti.template(),
+    means: ti.template(), mean_at: ti.i32, mixes: ti.template(), at: ti.i32, n: ti.i32, i: ti.i32,
+    numbers: Numbers, state: ti.i32, keep: ti.f32, row: ti.i32, share_row: ti.i32, begins: ti.i32,
+    std: ti.f32, bias_state: ti.i32,
+):  # fmt: skip
+    """Write what particle i shares of the innovations of one quantity's errors.
+
+    state: the first state of the quantity; row: its east component in `own` and `shared`; begins:
+    1 where the particle begins to drift, so that its first error, and with bias_state >= 0 its
+    bias, are correlated with the buoys' too.
+    """
+    buoys, apart = numbers.buoys, 2 * numbers.states
+    east, north, used = ti.f32(0.0), ti.f32(0.0), ti.f32(0.0)
+    first, bias = ti.Vector([ti.f32(0.0), ti.f32(0.0)]), ti.Vector([ti.f32(0.0), ti.f32(0.0)])
+    scale = 1.0 / ti.sqrt(1.0 - keep * keep)
+    end_at = mean_at + 2 * numbers.states  # of the means at the step's end
+    for j in range(buoys):
+        a = _alpha(mixes, scratch, apart + buoys, n, i, buoys, at, j)
+        used += a * a
+        for b in range(j + 1):
+            weight = a * mixes[(at * buoys + j) * buoys + b]
+            for c in ti.static(range(2)):
+                k = 2 * (state + b) + c
+                before = means[mean_at + k] + scratch[k * n + i]
+                after = means[end_at + k] + z[k * n + i]
+                kick = weight * scale * (after - keep * before)
+                if ti.static(c == 0):
+                    east += kick
+                else:
+                    north += kick
+                first[c] += weight * before
+                if bias_state >= 0:
+                    v = 2 * (bias_state + b) + c
+                    bias[c] += weight * (means[mean_at + v] + scratch[v * n + i])
+    left = ti.sqrt(ti.max(1.0 - used, 0.0))
+    shared[row * n + i], shared[(row + 1) * n + i] = east, north
+    shared[share_row * n + i] = left
+    if begins == 1:
+        for c in ti.static(range(2)):
+            own[(row + c) * n + i] = std * first[c] + left * own[(row + c) * n + i]
+            if bias_state >= 0:
+                at_bias = (BIAS + c) * n + i
+                own[at_bias] = numbers.bias_std * bias[c] + left * own[at_bias]
+
+
 @ti.kernel
 def share_errors(
     first: ti.i32,
@@ -137,10 +189,13 @@ def share_errors(
     scenario: Ints,
     world: Ints,
     member: Ints,
+    status: Ints,
+    release: Ints,
     lon: Ints,
     lat: Ints,
+    own: Reals,
     z: Reals,
-    old: Reals,
+    scratch: Reals,
     shared: Reals,
     moves: Reals,
     kicks: Reals,
@@ -150,10 +205,11 @@ def share_errors(
     numbers: Numbers,
     row: ti.i32,
     step: ti.i32,
+    end: ti.i32,
     seed0: ti.u32,
     seed1: ti.u32,
 ):
-    """Advance the deviations of particles over a step, and write their shared errors.
+    """Advance the deviations of particles over a step, and write their shared innovations.
 
     Args:
         first: first slot.
@@ -162,15 +218,18 @@ def share_errors(
         scenario: of each particle.
         world: of each particle.
         member: of the forcing ensemble, of each particle; (1,) without one.
+        status: of each particle.
+        release: when each begins to drift [s].
         lon: position at the begin of the step [binary angle].
         lat: position at the begin of the step.
+        own: updated where a particle begins to drift: rows kernels.step.errors.ROWS.
         z: deviations, rows (state, component), then the distances from the buoys at the begin of the
             step before [m], flat ((2 states + buoys) n,).
-        old: scratch, flat ((2 states + 2 buoys) n,).
+        scratch: flat ((2 states + 2 buoys) n,).
         shared: written: rows SHARED.
         moves: transition of the deviations, (steps, states, states), flat; row 0: the first draw.
         kicks: root of the covariance of what is added, as `moves`.
-        means: mean of the processes at begin and end of a step, by scenario and member,
+        means: mean of the states at begin and end of a step, by scenario and member,
             (steps, scenarios members, 2, states, 2), flat.
         mixes: inverses of the Cholesky factors of the correlations between buoys in the middle of a
             step, of the current's and of the wind's errors, (steps, 2, buoys, buoys), flat.
@@ -178,6 +237,7 @@ def share_errors(
         numbers: sizes and scales.
         row: of this step in the tables.
         step: number of the step, a key of the noise.
+        end: of the step [s].
         seed0: first word of the run's key.
         seed1: second word of it.
     """
@@ -189,50 +249,39 @@ def share_errors(
             key = world[i]
         if numbers.begins == 1:
             _move(
-                z, old, n, i, states, moves, kicks, 0, seed0, seed1, noise.STREAM_BUOYS_BEGIN, key, 0
+                z, scratch, n, i, states, moves, kicks, 0, seed0, seed1, noise.STREAM_BUOYS_BEGIN,
+                key, 0,
             )  # fmt: skip
+        # the scratch holds the deviations at the begin of the step
+        _move(
+            z, scratch, n, i, states, moves, kicks, row, seed0, seed1, noise.STREAM_BUOYS, key, step
+        )  # fmt: skip
         which = scenario[i] * numbers.members
         if numbers.members > 1:
             which += member[i]
+        mean_at = (row * (shift.shape[0] * numbers.members) + which) * 2 * states * 2
+        begins = ti.cast(
+            (status[i] == life.PENDING or status[i] == life.UNDER_WAY) and release[i] < end, ti.i32
+        )
         apart = 2 * states  # row of the first distance
-        _measure(z, old, apart, n, i, lon[i], lat[i], buoys, places, row, numbers.ahead)
-        # deviations at the begin, then those at the end, each with weight one half
-        for k in range(6):
-            shared[k * n + i] = 0.0
-        for half in range(2):
-            if half == 1:
-                _move(
-                    z, old, n, i, states, moves, kicks, row, seed0, seed1, noise.STREAM_BUOYS, key,
-                    step,
-                )  # fmt: skip
-            mean_at = ((row * (shift.shape[0] * numbers.members) + which) * 2 + half) * states * 2
-            _correlate(old, apart, n, i, buoys, numbers.current_length)
-            used = ti.f32(0.0)
-            for j in range(buoys):
-                a = _alpha(mixes, old, apart + buoys, n, i, buoys, 2 * row, j)
-                used += a * a
-                bias_at = (1 + numbers.windy) * buoys + j
-                for c in range(2):
-                    u = means[mean_at + 2 * j + c] + z[(2 * j + c) * n + i]
-                    total = numbers.current_std * u
-                    if numbers.biased == 1:
-                        v = means[mean_at + 2 * bias_at + c] + z[(2 * bias_at + c) * n + i]
-                        total += numbers.bias_std * v
-                    shared[(CURRENT + c) * n + i] += 0.5 * a * total
-            shared[OWN_CURRENT * n + i] = ti.sqrt(ti.max(1.0 - used, 0.0))
-            shared[OWN_WIND * n + i] = 1.0
-            if numbers.windy == 1:
-                _correlate(old, apart, n, i, buoys, numbers.wind_length)
-                used = 0.0
-                for j in range(buoys):
-                    a = _alpha(mixes, old, apart + buoys, n, i, buoys, 2 * row + 1, j)
-                    used += a * a
-                    for c in range(2):
-                        u = means[mean_at + 2 * (buoys + j) + c] + z[(2 * (buoys + j) + c) * n + i]
-                        shared[(WIND + c) * n + i] += 0.5 * a * numbers.wind_std * u
-                shared[OWN_WIND * n + i] = ti.sqrt(ti.max(1.0 - used, 0.0))
+        _measure(z, scratch, apart, n, i, lon[i], lat[i], buoys, places, row, numbers.ahead)
+        _correlate(scratch, apart, n, i, buoys, numbers.current_length)
+        bias_state = -1
+        if numbers.biased == 1:
+            bias_state = (1 + numbers.windy) * buoys
+        _share(
+            own, shared, z, scratch, means, mean_at, mixes, 2 * row, n, i, numbers, 0,
+            numbers.current_keep, CURRENT, OWN_CURRENT, begins, numbers.current_std, bias_state,
+        )  # fmt: skip
+        shared[WIND * n + i], shared[(WIND + 1) * n + i], shared[OWN_WIND * n + i] = 0.0, 0.0, 1.0
+        if numbers.windy == 1:
+            _correlate(scratch, apart, n, i, buoys, numbers.wind_length)
+            _share(
+                own, shared, z, scratch, means, mean_at, mixes, 2 * row + 1, n, i, numbers, buoys,
+                numbers.wind_keep, WIND, OWN_WIND, begins, numbers.wind_std, -1,
+            )  # fmt: skip
 
 
 def shared_of(columns: Any, shares: bool) -> Any:
-    """Return the array of shared errors, float32 (6 n,); a placeholder (1,) without buoys."""
+    """Return the array of shared innovations, float32 (6 n,); a placeholder (1,) without buoys."""
     return rows.whole(columns, SHARED) if shares else runtime.empty(1, ti.f32)

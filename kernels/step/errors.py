@@ -81,22 +81,6 @@ def walked(walk: f32x2, c: ti.f32, s: ti.f32) -> f32x2:
 
 
 @ti.func
-def share(features: ti.template(), held: ti.template(), j: ti.i32):
-    """Add to the errors of particle j of a bundle what it shares with buoys: see
-    kernels.step.buoys.
-    """
-    for k in ti.static(range(2)):
-        held.error[k, j] = (
-            held.shared[buoys.OWN_CURRENT, j] * held.error[k, j] + held.shared[buoys.CURRENT + k, j]
-        )
-        if ti.static(features & WIND):
-            held.error[2 + k, j] = (
-                held.shared[buoys.OWN_WIND, j] * held.error[2 + k, j]
-                + held.shared[buoys.WIND + k, j]
-            )
-
-
-@ti.func
 def draw_errors(
     features: ti.template(),
     width: ti.template(),
@@ -108,10 +92,10 @@ def draw_errors(
     """Draw the random terms of a bundle of particles for the dt [s] in which each moves.
 
     held: see kernels.step.advance. Read: scenario, slot (the number in the whole run, the key of
-    the noise), dt, bias, and `nudge`, which is added to the normals of the errors of guided
-    particles (kernels.step.guide). Updated: errors of current and wind, east and north [m/s], and
+    the noise), dt, bias, `shared`, what the normals of the errors have in common with buoys
+    (kernels.step.buoys), and `nudge`, which is added to those of guided particles
+    (kernels.step.guide). Updated: errors of current and wind, east and north [m/s], and
     the side. Written: `error`, the mean of the errors at begin and end of the step plus the bias,
-    with what is shared with buoys,
     and `walk`, east and north [m], of variance 2 D dt [m2]. table: the `Physics` of each scenario;
     terms: see kernels.step.advance.
     """
@@ -156,6 +140,9 @@ def draw_errors(
         if ti.static(features & ERRORS):
             for k in ti.static(range(2 if wind else 1)):  # the current's, the wind's
                 normal = noise.turned(held.log[1 + k, j], held.word[1 + k, j])
+                if ti.static(features & SHARED):
+                    given = f32x2(held.shared[2 * k, j], held.shared[2 * k + 1, j])
+                    normal = given + held.shared[buoys.OWN_CURRENT + k, j] * normal
                 if ti.static(features & GUIDED):
                     normal += f32x2(held.nudge[2 * k, j], held.nudge[2 * k + 1, j])
                 old = f32x2(held.errors[2 * k, j], held.errors[2 * k + 1, j])
@@ -166,5 +153,3 @@ def draw_errors(
         if ti.static(features & BIAS):
             held.error[0, j] += held.bias[0, j]
             held.error[1, j] += held.bias[1, j]
-        if ti.static(features & ERRORS and features & SHARED):
-            share(features, held, j)

@@ -29,6 +29,7 @@ title = "A raft beside buoys"
 start = "2026-03-05T00:00Z"
 duration = "{hours} h"
 particles = {particles}
+seed = {seed}
 coast = {{ source = "none" }}
 clock = {{ step = "{step}" }}
 output = {{ every = "{hours} h" }}
@@ -59,7 +60,7 @@ def write_track(folder: Path, name: str, time: Any, east: Any, north: Any) -> No
 
 def moved(folder: Path, more: str, **keys: Any) -> tuple[Any, np.ndarray]:
     """Return the start of a case's run, moved to its end, and its places there [m], (n, 2)."""
-    words = {"hours": 16, "particles": N, "step": "15 min", **keys}
+    words = {"hours": 16, "particles": N, "step": "15 min", "seed": 1, **keys}
     path = folder / "case.toml"
     path.write_text(words.pop("text", CASE).format(more=more, **words))
     case = case_file.load(path)
@@ -95,29 +96,32 @@ def expected(fixes: Fixes, last: float, dt: float, n: int, hours: float = 16) ->
     drawn = mean[pick, 0][:, None] + np.einsum("ij,jnc->inc", root, normals)
     error, bias = drawn[:k], drawn[k]
     keep = np.exp(-dt / LAW.current_time)
-    own, own_bias = random.normal(size=(2, n, 2))
-    place = random.normal(size=(n, 2)) * 1500.0
-    fade = (fixes.excess[0, -1] / (last - fixes.time[0])) * LAW.current_time
+    own, own_bias, place = random.normal(size=(3, n, 2))
+    place = place * 1500.0
+    # the mean error at the last fix, of which the changing part fades
+    past = round(last / dt)
+    fade, lasting = LAW.current_std * mean[3 * past, 0], LAW.bias_std * mean[2, 0]
 
-    def pulled(step: int, x: np.ndarray, own: np.ndarray) -> np.ndarray:
+    def near(step: int, x: np.ndarray) -> np.ndarray:
         t = times[step]
         beyond = max(t - last, 0.0)
         buoy = (
-            AWAY + CURRENT * t + fixes.excess[0, -1] * min(t, last) / last
-            + fade * (1 - np.exp(-beyond / LAW.current_time))
+            AWAY + CURRENT * t + fixes.excess[0, -1] * min(t, last) / last + lasting * beyond
+            + fade * LAW.current_time * (1 - np.exp(-beyond / LAW.current_time))
         )  # fmt: skip
-        share = correlation(np.hypot(*(x - buoy).T), LAW.current_length)[:, None]
-        left = np.sqrt(1 - share**2)
-        return LAW.current_std * (share * error[step] + left * own) + LAW.bias_std * (
-            share * bias + left * own_bias
-        )
+        return correlation(np.hypot(*(x - buoy).T), LAW.current_length)[:, None]
 
+    share = near(0, place)
+    left = np.sqrt(1 - share**2)
+    lasts = LAW.bias_std * (share * bias + left * own_bias)
+    present = share * error[0] + left * own
     for step in range(k - 1):
-        later = keep * own + np.sqrt(1 - keep**2) * random.normal(size=(n, 2))
-        first = pulled(step, place, own)
-        there = place + dt * (CURRENT + first)
-        place = place + dt * (CURRENT + 0.5 * (first + pulled(step + 1, there, later)))
-        own = later
+        share = near(step, place)
+        kick = (error[step + 1] - keep * error[step]) / np.sqrt(1 - keep**2)
+        kick = share * kick + np.sqrt(1 - share**2) * random.normal(size=(n, 2))
+        later = keep * present + np.sqrt(1 - keep**2) * kick
+        place = place + dt * (CURRENT + lasts + LAW.current_std * 0.5 * (present + later))
+        present = later
     return place
 
 
@@ -132,7 +136,15 @@ def test_a_cloud_beside_a_buoy_is_that_of_conditioned_errors(tmp_path: Path, ste
     other = expected(fixes, time[-1], 300.0, N)
     compare(own, other)
     alone = moved(tmp_path, "", step=step)[1]
-    assert np.linalg.det(np.cov(own.T)) < 0.93 * np.linalg.det(np.cov(alone.T))
+    assert np.linalg.det(np.cov(own.T)) < np.linalg.det(np.cov(alone.T))
+
+
+def test_a_buoy_that_shows_nothing_changes_nothing(tmp_path: Path) -> None:
+    """Its fixes are right to 1,000 km; particles move from beside it to where it says little."""
+    time = np.arange(0, 9 * HOUR + 1, 1800.0)
+    write_track(tmp_path, "buoy", time, *drifting_buoy(time, np.array([0.21, -0.13])).T)
+    _, own = moved(tmp_path, BUOY.format("buoy").replace("25 m", "1000 km"), step="30 min")
+    compare(own, moved(tmp_path, "", step="30 min", seed=2)[1])
 
 
 def compare(own: np.ndarray, other: np.ndarray) -> None:
@@ -256,7 +268,7 @@ def test_the_summary_and_the_report_say_what_each_buoy_showed(tmp_path: Path) ->
     for name, away in (("near", 1.0), ("far", 3.0)):
         write_track(tmp_path, name, time, *(away * AWAY + np.outer(time, CURRENT + pull)).T)
     path = tmp_path / "case.toml"
-    words = {"hours": 6, "particles": 2000, "step": "15 min"}
+    words = {"hours": 6, "particles": 2000, "step": "15 min", "seed": 1}
     path.write_text(CASE.format(more=BUOY.format("near") + BUOY.format("far"), **words))
     result = drift.run(drift.load(path))
     found = result.summary["drifters"]

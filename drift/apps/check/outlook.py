@@ -152,8 +152,9 @@ def predict_final_statuses(case: Case, setup: Start) -> tuple[str, str]:
         step,
         setup.clock.start % step,
     )
+    scene = setup.scene.without_buoys()  # what they show is known by the run's own steps
     for low, high, part in clock.steps():
-        setup.scene.advance(sampled, low, high, part)
+        scene.advance(sampled, low, high, part)
     weight, status = record.probability(sampled), sampled.status.to_numpy()
     share = {kind: float(weight[status == kind].sum()) for kind in Status}
     summary = ", ".join(

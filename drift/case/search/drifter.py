@@ -73,6 +73,11 @@ class DrifterTable(fields.Table):
             )
         track, notes = found.tracks[0], list(found.notes)
         keep = ~found.aground[0]
+        if keep.sum() < 2:
+            raise ValueError(
+                f'"{self.track}": {(~keep).sum():,} of its {keep.size:,} fixes lie aground, for {records.AGROUND / 3600:g} h or more within '
+                f"{records.STILL:g} m; leave the drifter out"
+            )
         if not keep.all():
             notes.append(f"{(~keep).sum():,} fixes left out at which it lay aground")
         end = run.end if self.until is None else units.resolve(self.until, run.start)
@@ -87,12 +92,22 @@ class DrifterTable(fields.Table):
                 f"{notation.format_dtg(last)}; change the case's times or until, or check the zone of the file's times"
             )
         if not inside.all():
-            notes.append(f"{(~inside).sum():,} fixes left out before the start or after the end")
+            until = "the end" if self.until is None else "until"
+            notes.append(f"{(~inside).sum():,} fixes left out before the start or after {until}")
         # a fix after one that is left out begins a stretch
         fresh = records.breaks(track, LONGEST_GAP) | np.append(False, ~keep[:-1])
         chosen = records.selected(track, keep & inside)
         fresh = fresh[keep & inside]
         fresh[0] = True
+        if fresh.all():
+            raise ValueError(
+                f'"{self.track}": no two of its {fresh.size} fixes are at most {LONGEST_GAP / 3600:g} h apart and need at most '
+                f"{records.FASTEST:g} m/s; give more fixes, or leave the drifter out"
+            )
+        if gaps := int(fresh[1:].sum()):
+            notes.append(
+                f"{gaps:,} gaps of more than {LONGEST_GAP / 3600:g} h, or leaps, between fixes"
+            )
         windage = WINDAGE[self.kind] if self.windage is None else self.windage
         return BuoyTrack(
             name,
@@ -109,22 +124,29 @@ class DrifterTable(fields.Table):
         """Return the track of the file that is meant."""
         file = sources.one_file(self.track, folder, "track")
         if Path(file).suffix.lower() == ".gpx":
-            points = gpx.read_gpx(file)
+            names = gpx.track_names(file)
+            self._check_id(file, names)
+            points = gpx.read_gpx(file, self.id)
             if not points.time:
                 raise ValueError(f'track: "{Path(file).name}" has no times')
             time, lon, lat = (np.array(values) for values in (points.time, points.lon, points.lat))
             return Track(Path(file).stem, time, lon, lat)
         tracks = reading.read_drifters(file, given_as="track")
-        chosen = [track for track in tracks if self.id in (None, track.name)]
-        if len(chosen) == 1:
-            return chosen[0]
-        names = ", ".join(f'"{track.name}"' for track in tracks[:6])
-        more = f" and {len(tracks) - 6} more" if len(tracks) > 6 else ""
-        if self.id is None:
+        self._check_id(file, [track.name for track in tracks])
+        return next(track for track in tracks if self.id in (None, track.name))
+
+    def _check_id(self, file: str, names: Sequence[str]) -> None:
+        """Reject a file of several buoys without `id`, and an `id` that is not in the file."""
+        listed = ", ".join(f'"{name}"' for name in names[:6])
+        listed += f" and {len(names) - 6} more" if len(names) > 6 else ""
+        if self.id is None and len(names) > 1:
             raise ValueError(
-                f'track: "{Path(file).name}" holds {len(tracks)} buoys ({names}{more}); give id, and a [[drifter]] for each'
+                f'track: "{Path(file).name}" holds {len(names)} buoys ({listed}); give id, and a [[drifter]] for each'
             )
-        raise ValueError(f'id: "{self.id}" is not in "{Path(file).name}"; it holds {names}{more}')
+        if self.id is not None and self.id not in names:
+            raise ValueError(
+                f'id: "{self.id}" is not in "{Path(file).name}"; it holds {listed or "no named track"}'
+            )
 
 
 def build_drifters(tables: Sequence[DrifterTable], run: Run) -> tuple[BuoyTrack, ...]:
@@ -171,6 +193,24 @@ def check_near(buoys: Sequence[BuoyTrack], scenarios: Sequence[Scenario], length
             )
     if wrong:
         raise UserError(*wrong)
+
+
+def check_wind(buoys: Sequence[BuoyTrack], scenarios: Sequence[Scenario]) -> None:
+    """Reject a buoy with windage where a scenario has no wind; its wind is the scenario's.
+
+    Raises:
+        UserError: one line for each such buoy.
+    """
+    still = [scenario.name for scenario in scenarios if not scenario.sources.get("wind")]
+    blown = [buoy for buoy in buoys if buoy.windage > 0]
+    if still and blown:
+        raise UserError(
+            *(
+                f'drifter "{buoy.name}": windage is {notation.percent(buoy.windage)}, but scenario "{still[0]}" has no wind; '
+                "add a [[wind]] that its object feels, or give windage = 0"
+                for buoy in blown
+            )
+        )
 
 
 def _nearest(buoy: BuoyTrack, lon: Array, lat: Array) -> float:

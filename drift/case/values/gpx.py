@@ -31,11 +31,39 @@ class Track:
     joined: tuple[bool, ...]  # whether a point and the next are in the same segment
 
 
-def read_gpx(path: Path | str) -> Track:
-    """Return the track of a GPX file; raise UserError if the file holds no valid track."""
+def track_names(path: Path | str) -> list[str]:
+    """Return the names of the tracks of a GPX file, "" for one without; raise UserError as
+    `read_gpx`.
+    """
     path = Path(path)
     try:
-        return _track(_root(path))
+        root = _root(path)
+    except ValueError as error:
+        raise UserError(f'"{path.name}" {error}') from None
+    except OSError as error:
+        raise UserError(f'"{path.name}" cannot be read: {error.strerror}') from None
+    return [_title(track) for track in _inside(root, "trk")]
+
+
+def _title(track: ET.Element) -> str:
+    """Return the name of a track; "" if it has none."""
+    return next(((name.text or "").strip() for name in _inside(track, "name")), "")
+
+
+def read_gpx(path: Path | str, name: str | None = None) -> Track:
+    """Return the track of a GPX file; raise UserError if the file holds no valid track.
+
+    Args:
+        path: of the file.
+        name: of the one of its tracks that is read; None: all of them as one.
+    """
+    path = Path(path)
+    try:
+        root = _root(path)
+        for track in _inside(root, "trk"):
+            if name is not None and _title(track) != name:
+                root.remove(track)
+        return _track(root)
     except ValueError as error:
         raise UserError(f'"{path.name}" {error}') from None
     except OSError as error:

@@ -1,16 +1,16 @@
 """Errors of current and wind given the tracks of drifting buoys: exact Gaussian conditioning.
 
-A component (east or north) of the error of the current is a Gaussian process with the
-autocorrelation exp(-|t - s| / time) of the case's Ornstein-Uhlenbeck error and the correlation
-`correlation(d, length)` over a distance d; the constant bias has the same correlation in space. At
-m buoys the errors are L(t) u(t): u are m independent standard processes, and L(t) is the Cholesky
-factor of the correlations between the buoys at that time. A buoy moves with the error of the
+A component (east or north) of the error of the current at m buoys is a vector U of standard
+Ornstein-Uhlenbeck processes with the case's decorrelation time, whose innovations have the
+correlations C(t) between the buoys at that time: `correlation` of their distances. Each process
+alone is exactly that of the case, however the buoys move. The wind's errors W and the constant
+biases V have correlations of the same kind, V those at the start. A buoy moves with the error of the
 current, and with its windage times that of the wind:
 
-    dX = (current_std L u + bias_std L v + windage wind_std L' w) dt + sqrt(2 diffusivity) dW,
+    dX = (current_std U + bias_std V + windage wind_std W) dt + sqrt(2 diffusivity) dB,
 
 where X is its displacement beyond that by the forcing at its own fixes, since its first fix, whose
-error X contains. Each later fix is X plus an error of its own. Given all fixes, the states (u, w, v,
+error X contains. Each later fix is X plus an error of its own. Given all fixes, the states (U, W, V,
 X) are a Markov process whose transitions are found by a backward information filter (Anderson and
 Moore 1979, "Optimal filtering", chapter 7): see `condition`. East and north are independent and have
 the same transitions; only their means differ.
@@ -21,7 +21,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from geo.array import Array
 
@@ -127,8 +126,9 @@ def condition(
     """
     m, windy = len(buoys), factors[1] is not None
     d = m * (2 + windy + law.biased)
-    start = np.eye(d)
-    start[d - m :, d - m :] = 0.0
+    start = np.zeros((d, d))
+    for block, factor in _blocks(law, factors, m, 0):
+        start[block, block] = factor @ factor.T
     for number, own in enumerate(buoys):
         if own.time.size and own.fresh[0] and own.time[0] <= edges[0]:
             start[d - m + number, d - m + number] = own.error**2
@@ -149,12 +149,9 @@ def _links(
     links = []
     for step, (begin, end) in enumerate(itertools.pairwise(edges)):
         inner = {float(t) for own in buoys for t in own.time if begin < t < end}
-        generator, spread = _generator(
-            law, factors[0][step], None if factors[1] is None else factors[1][step], buoys, d
-        )
         times = [float(begin), *sorted(inner), float(end)]
         for low, high in itertools.pairwise(times):
-            forward, noise = _exact(generator, spread, high - low)
+            forward, noise = _transition(law, factors, step, buoys, d, high - low)
             seen = []
             for number, own in enumerate(buoys):
                 for k in np.flatnonzero(own.time == high):
@@ -169,42 +166,65 @@ def _links(
     return links
 
 
-def _generator(
-    law: Law, factor: Array, wind_factor: Array | None, buoys: Sequence[Fixes], d: int
+def _blocks(
+    law: Law, factors: tuple[Array, Array | None], m: int, step: int
+) -> list[tuple[slice, Array]]:
+    """Return the states of the current's errors, of the wind's and of the biases, each with the
+    Cholesky factor of its correlations at a step.
+    """
+    found = [(slice(0, m), factors[0][step])]
+    if factors[1] is not None:
+        found.append((slice(m, 2 * m), factors[1][step]))
+    if law.biased:
+        first = m * len(found)
+        found.append((slice(first, first + m), factors[0][step]))
+    return found
+
+
+def _transition(
+    law: Law,
+    factors: tuple[Array, Array | None],
+    step: int,
+    buoys: Sequence[Fixes],
+    d: int,
+    dt: float,
 ) -> tuple[Array, Array]:
-    """Return the generator of the linear process of the states, and the covariance that its noise
-    adds in a second.
+    """Return the transition of the states over dt [s] and the covariance of its noise.
+
+    The integral of an Ornstein-Uhlenbeck process and its covariances are those of Gillespie 1996,
+    doi:10.1103/PhysRevE.54.2084, eq. 2.9 to 2.14.
     """
     m = len(buoys)
-    generator, spread = np.zeros((d, d)), np.zeros((d, d))
-    current, displaced = slice(0, m), slice(d - m, d)
-    generator[current, current] = -np.eye(m) / law.current_time
-    spread[current, current] = 2 * np.eye(m) / law.current_time
-    generator[displaced, current] = law.current_std * factor
-    if wind_factor is not None:
-        wind = slice(m, 2 * m)
-        windage = np.array([own.windage for own in buoys])
-        generator[wind, wind] = -np.eye(m) / law.wind_time
-        spread[wind, wind] = 2 * np.eye(m) / law.wind_time
-        generator[displaced, wind] = windage[:, None] * law.wind_std * wind_factor
+    windage = np.array([own.windage for own in buoys])
+    forward, noise = np.eye(d), np.zeros((d, d))
+    moved = slice(d - m, d)
+    processes = [(law.current_time, np.full(m, law.current_std), factors[0][step])]
+    if factors[1] is not None:
+        processes.append((law.wind_time, windage * law.wind_std, factors[1][step]))
+    for number, (time, speed, factor) in enumerate(processes):
+        own, correlated = slice(number * m, (number + 1) * m), factor @ factor.T
+        # 1 - exp(-dt / time) and its square, without loss of digits
+        lost = -np.expm1(-dt / time)
+        forward[own, own] = np.eye(m) * (1 - lost)
+        forward[moved, own] = np.diag(speed * time * lost)
+        noise[own, own] = correlated * -np.expm1(-2 * dt / time)
+        across = correlated * speed[:, None] * time * lost**2  # of X (rows) and the process
+        noise[moved, own], noise[own, moved] = across, across.T
+        spread = _integral_variance(dt / time) * time**2
+        noise[moved, moved] += np.outer(speed, speed) * correlated * spread
     if law.biased:
-        generator[displaced, d - 2 * m : d - m] = law.bias_std * factor
-    spread[displaced, displaced] = 2 * law.diffusivity * np.eye(m)
-    return generator, spread
+        forward[moved, d - 2 * m : d - m] = np.eye(m) * law.bias_std * dt
+    noise[moved, moved] += 2 * law.diffusivity * dt * np.eye(m)
+    return forward, noise
 
 
-def _exact(generator: Array, spread: Array, dt: float) -> tuple[Array, Array]:
-    """Return the transition of a linear process over dt [s] and the covariance of its noise.
-
-    Van Loan 1978, doi:10.1109/TAC.1978.1101743.
+def _integral_variance(x: float) -> float:
+    """Return the variance of the integral of a standard process over x decorrelation times, from a
+    known value: 2 x - 3 + 4 exp(-x) - exp(-2 x); for small x its series.
     """
-    d = len(generator)
-    block = np.zeros((2 * d, 2 * d))
-    block[:d, :d], block[:d, d:], block[d:, d:] = -generator, spread, generator.T
-    grown = scipy.linalg.expm(block * dt)
-    forward = grown[d:, d:].T
-    noise = forward @ grown[:d, d:]
-    return forward, (noise + noise.T) / 2
+    if x < 0.03:
+        return x**3 * (2 / 3 - x * (1 / 2 - x * (7 / 30 - x * (1 / 12 - x * 31 / 1260))))
+    return float(2 * x - 3 + 4 * np.exp(-x) - np.exp(-2 * x))
 
 
 def _filtered(

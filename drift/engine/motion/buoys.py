@@ -23,6 +23,7 @@ from kernels.maths import noise
 from kernels.runtime import rows, runtime
 from kernels.step import buoys as kernel
 from kernels.step.advance import Step
+from kernels.step.errors import ROWS
 
 
 @dataclass(frozen=True)
@@ -78,12 +79,10 @@ def columns(buoys: int, many: int) -> tuple[Column, ...]:
         found.append(Column(name, np.float32, 0, "m" if far else "", meaning, "buoys"))
     for name in kernel.SHARED:
         own = name.startswith("own")
-        meaning = (
-            "share of its own errors that is left"
-            if own
-            else "error of the last step that it shares with buoys"
+        meaning = "factor of its own normal" if own else "what buoys give of its normal"
+        found.append(
+            Column(name, np.float32, float(own), "", f"{meaning} in the last step", "shared")
         )
-        found.append(Column(name, np.float32, float(own), "" if own else "m/s", meaning, "shared"))
     return tuple(found)
 
 
@@ -147,6 +146,7 @@ class Sharer:
         names = column_names(m, many)
         own = ensemble.own
         self._z, self._shared = rows.whole(own, names), rows.whole(own, kernel.SHARED)
+        self._own = rows.whole(own, ROWS)
         empty = np.zeros((1, many, many))
         halves = np.stack(
             [given.means[:-1], given.means[1:]], axis=2
@@ -183,9 +183,19 @@ class Sharer:
         row, lengths = self._buoys.rows[step.number], np.diff(self._buoys.edges)
         # the distance in the middle of the step is extrapolated
         ahead = 0.0 if row == 1 else 0.5 * lengths[row - 1] / lengths[row - 2]
-        numbers = kernel.Numbers(**self._numbers, begins=int(row == 1), ahead=float(ahead))
+        law = self._buoys.law
+        numbers = kernel.Numbers(
+            **self._numbers,
+            current_keep=np.exp(-step.duration / law.current_time),
+            wind_keep=np.exp(-step.duration / law.wind_time),
+            begins=int(row == 1),
+            ahead=float(ahead),
+        )
         shift = ensemble.batch(range(len(ensemble.numbers))).shift
-        columns = (ensemble.scenario, ensemble.world, self._member, ensemble.lon, ensemble.lat)
+        columns = (
+            *(ensemble.scenario, ensemble.world, self._member, ensemble.status, ensemble.release),
+            *(ensemble.lon, ensemble.lat, self._own),
+        )
         kernel.share_errors(
             0,
             ensemble.n,
@@ -198,6 +208,7 @@ class Sharer:
             numbers,
             row,
             step.number,
+            step.elapsed + step.duration,
             *noise.key(ensemble.seed),
         )
 

@@ -189,6 +189,10 @@ class Scene:
             together[ranges[quantity]] = (*together.get(ranges[quantity], ()), number)
         return list(together.values())
 
+    def without_buoys(self) -> "Scene":
+        """Return the scene without drifting buoys, for steps other than those of its clock."""
+        return replace(self, buoys=None, place=self.place._replace(shares=False))
+
     def without_noise(self) -> "Scene":
         """Return the scene without random motion, steering and refloating.
 
