@@ -111,7 +111,9 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
     weights = np.array([case.scenarios[k].weight for k in singles])
     shown = likeliest.likeliest_scenarios(weights)
     for scenario, dry in ((case.scenarios[singles[k]], setup.dry[singles[k]]) for k in shown.alone):
-        lines[f'{label} "{scenario.name}"'] = _scenario(scenario, dry)
+        lines[f'{label} "{scenario.name}"'] = _scenario(
+            scenario, dry, released=case.spill is not None
+        )
     if shown.rest:
         objects = {_object_name(case.scenarios[singles[k]]) for k in shown.rest}
         listed = ", ".join(sorted(objects)[:3]) + (
@@ -155,7 +157,7 @@ def _families(case: Case, dry: Sequence[float]) -> dict[str, str]:
             f"scenarios: {'; '.join(axes)}"
         )
         name = f'such as "{first.name}"'
-        lines[name] = _scenario(first, max(dry[k] for k in members)).replace(
+        lines[name] = _scenario(first, max(dry[k] for k in members), released=False).replace(
             "its prior", "a prior at most"
         )
     return lines
@@ -179,12 +181,14 @@ def _source(case: Case, source: Source) -> str:
     return f"{text}; {holes}: particles that drift then need another source" if holes else text
 
 
-def _scenario(scenario: Scenario, dry: float) -> str:
-    """Describe a scenario; dry: share of its prior that is on land."""
+def _scenario(scenario: Scenario, dry: float, *, released: bool) -> str:
+    """Describe a scenario; dry: share of its prior that is on land; released: by a spill, whose
+    position stands in a line of its own.
+    """
     own = scenario.itinerary
     adrift = f"{scenario.object.name}: {scenario.object.description}"
     text = f"{_weight(scenario.weight)}, {adrift if own is None else voyage.itinerary_in_words(own, adrift)}"
-    text += _around(scenario.prior)
+    text += "" if released else _around(scenario.prior)
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
     if dry > 0:
