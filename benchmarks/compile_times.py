@@ -109,7 +109,7 @@ def objects() -> Callable[[], object]:
     """Return a job that draws the objects of worlds."""
     device, own, tries = coast(), ensemble(), runtime.upload(np.zeros(2, np.int64))
     worlds = [runtime.upload(np.zeros(1, np.int32)) for _ in range(3)]
-    args = (True, 0, N, 0, 0, N, own.lon, own.lat, own.release, own.world, tries, *KEY, *worlds)
+    args = (True, 0, N, 0, N, own.lon, own.lat, own.release, own.world, tries, *KEY, *worlds)
     return lambda: draws.draw_objects(*args, 10.0, 60.0, device.pack)
 
 
