@@ -27,6 +27,13 @@ from geo.notation import NMI
 ALL = "all"
 
 
+COLUMNS = (  # of sorties.csv
+    *("update", "name", "kind", "status", "time", "date_time_group", "scenario", "pod", "poc"),
+    *("pos", "pos_ashore", "pos_alive", "pos_cumulative", "log_evidence", "bayes_factor", "prior"),
+    *("posterior", "ess_before", "ess_after", "resampled", "ess_resampled", "filled", "distinct"),
+)
+
+
 def csv(updates: Updates, run: str) -> str:
     """Return the CSV of updates: a row per update and scenario, and one for all together.
 
@@ -73,6 +80,8 @@ def csv(updates: Updates, run: str) -> str:
                     "distinct": update.distinct,
                 }
             )
+    if not rows:  # sensor lines alone, which change no weight
+        return formats.csv_text(COLUMNS, [], run=run)
     return formats.csv_rows(rows, run=run, digits=".8g")
 
 
