@@ -131,20 +131,14 @@ def _mean_excess(case: Case, buoys: Buoys, number: int) -> Array:
     m = len(buoys.names)
     likeliest = int(np.argmax(buoys.given.log_likelihood))
     states = buoys.given.means[:-1, likeliest]  # (steps, states, 2)
-    at_steps = np.array(list(buoys.rows.values())) - 1
-    begins = _step_begins(case, buoys)
-    seen = at_steps[(begins >= own.time[0]) & (begins <= own.time[-1])]
+    begins = notation.epoch(case.start) + buoys.edges[:-1]
+    seen = np.flatnonzero((begins >= own.time[0]) & (begins <= own.time[-1]))
     if not seen.size:
-        seen = at_steps[[int(np.argmin(np.abs(begins - own.time[0])))]]
+        seen = np.argmin(np.abs(begins - own.time[0]), keepdims=True)
     total = law.current_std * states[seen, number]
     if law.biased:
         total = total + law.bias_std * states[seen, m * (1 + int(buoys.windy)) + number]
     return np.asarray(total.mean(axis=0))
-
-
-def _step_begins(case: Case, buoys: Buoys) -> Array:
-    """Return when each step begins [s since 1970]."""
-    return np.asarray(notation.epoch(case.start) + buoys.edges[:-1])
 
 
 def _areas(case: Case, where: Environment, drifters: Any, particles: int) -> dict[str, float]:

@@ -91,7 +91,6 @@ class Conditioned:
         means: mean of the states at each step's begin and at the last one's end,
             (steps + 1, hypotheses, d, 2).
         log_likelihood: of the fixes under each hypothesis, (hypotheses,).
-        reports: number of displacements that counted.
     """
 
     first: Array
@@ -99,7 +98,6 @@ class Conditioned:
     kicks: Array
     means: Array
     log_likelihood: Array
-    reports: int
 
 
 @dataclass(frozen=True)
@@ -133,11 +131,8 @@ def condition(
         if own.time.size and own.fresh[0] and own.time[0] <= edges[0]:
             start[d - m + number, d - m + number] = own.error**2
     links = _links(law, edges, factors, buoys, d)
-    _mean, _cov, log_likelihood = _filtered(links, buoys, start, d)
     return Conditioned(
-        *_smoothed(links, buoys, start, len(edges) - 1),
-        log_likelihood,
-        sum(len(link.seen) for link in links),
+        *_smoothed(links, buoys, start, len(edges) - 1), _log_likelihoods(links, buoys, start)
     )
 
 
@@ -227,13 +222,12 @@ def _integral_variance(x: float) -> float:
     return float(2 * x - 3 + 4 * np.exp(-x) - np.exp(-2 * x))
 
 
-def _filtered(
-    links: Sequence[_Link], buoys: Sequence[Fixes], start: Array, d: int
-) -> tuple[Array, Array, Array]:
-    """Return mean and covariance at the end, and the log likelihood of each hypothesis: Kalman's
-    filter.
+def _log_likelihoods(links: Sequence[_Link], buoys: Sequence[Fixes], start: Array) -> Array:
+    """Return the log likelihood of the fixes under each hypothesis, (hypotheses,): Kalman's filter.
+
+    start: covariance of the states at the first step's begin, (d, d).
     """
-    many, m = len(buoys[0].excess), len(buoys)
+    d, many, m = len(start), len(buoys[0].excess), len(buoys)
     mean, cov, total = np.zeros((d, many, 2)), start.copy(), np.zeros(many)
     for link in links:
         mean = np.einsum("ij,jhc->ihc", link.forward, mean)
@@ -246,13 +240,14 @@ def _filtered(
             gain = cov[:, state] / variance
             mean = mean + gain[:, None, None] * off
             cov = cov - np.outer(gain, cov[state])
-    return mean, cov, total
+    return total
 
 
 def _smoothed(
     links: Sequence[_Link], buoys: Sequence[Fixes], start: Array, steps: int
 ) -> tuple[Array, Array, Array, Array]:
-    """Return `first`, `moves`, `kicks` and `means` of Conditioned.
+    """Return `first`, `moves`, `kicks` and `means` of `Conditioned`; start: as of
+    `_log_likelihoods`.
 
     The information that later fixes hold of the states is carried backward in time; a transition
     given it has covariance (1 + Q I)^-1 Q and matrix (1 + Q I)^-1 F, where F and Q are the prior's

@@ -131,13 +131,9 @@ class Buoys:
         which = scenario * self.members + (0 if member is None else member)
         return np.asarray(most[which])
 
-    def sharer(self, ensemble: Ensemble) -> "Sharer":
-        """Return what writes the shared errors of an ensemble before each step."""
-        return Sharer(self, ensemble)
-
 
 class Sharer:
-    """Writes the shared errors of one ensemble; holds the tables on the device."""
+    """Writes the innovations that one ensemble shares with buoys; holds the tables on the device."""
 
     def __init__(self, buoys: Buoys, ensemble: Ensemble) -> None:
         self._buoys, self._ensemble = buoys, ensemble
@@ -160,7 +156,7 @@ class Sharer:
             _padded(mixes, np.float32),
             _padded(np.stack([x, y], axis=-1), np.int32),
         )
-        self._old = runtime.empty(2 * (many + m) * max(ensemble.n, 1))
+        self._scratch = runtime.empty(2 * (many + m) * max(ensemble.n, 1))
         self._member = own["member"] if buoys.members > 1 else runtime.upload(np.zeros(1, np.int32))
         law = buoys.law
         self._numbers = {
@@ -178,7 +174,7 @@ class Sharer:
         }
 
     def write(self, step: Step) -> None:
-        """Write the shared errors of the step that is about to be computed."""
+        """Write the innovations of the step that is about to be computed."""
         ensemble = self._ensemble
         row, lengths = self._buoys.rows[step.number], np.diff(self._buoys.edges)
         # the distance in the middle of the step is extrapolated
@@ -202,7 +198,7 @@ class Sharer:
             shift,
             *columns,
             self._z,
-            self._old,
+            self._scratch,
             self._shared,
             *self._tables,
             numbers,
@@ -227,11 +223,14 @@ def step_edges(clock: Clock) -> tuple[Array, tuple[int, ...]]:
 
 
 def write_shared(
-    buoys: Any, ensemble: Ensemble, step: Step, held: dict[Any, Any], key: Any
+    buoys: Buoys | None, ensemble: Ensemble, step: Step, held: dict[Any, Any], key: Any
 ) -> None:
-    """Write the shared errors of a step, if there are buoys; held, key: where to keep the tables."""
+    """Write the shared innovations of a step, if there are buoys.
+
+    held, key: where the tables are kept.
+    """
     if buoys is None:
         return
     if key not in held or held[key][0][2] is not ensemble.layout:
-        held[key] = (buoys, ensemble, ensemble.layout), buoys.sharer(ensemble)
+        held[key] = (buoys, ensemble, ensemble.layout), Sharer(buoys, ensemble)
     held[key][1].write(step)
