@@ -2,8 +2,8 @@
 
 The forcing is sampled where each buoy was, for each scenario and member of an ensemble, and its
 displacements between fixes are compared with those by the forcing (drift.engine.motion.buoy_errors).
-Before its first and after its last fix a buoy is taken to have drifted with the likeliest forcing
-and the error that its own track shows there: errors go with the water.
+Before its first fix a buoy's place is that of the water that carried it there, by the likeliest
+forcing and the error that its own track shows.
 """
 
 from collections.abc import Iterator, Sequence
@@ -212,19 +212,17 @@ def _mismatch(fixes: Sequence[Fixes]) -> Array:
     return total
 
 
-def _error_shown(own: Fixes, law: Law, times: Array, hypothesis: int) -> dict[int, Array]:
-    """Return the mean error of the current at a buoy by its own track, [m/s]: at its first fix (0)
-    and its last one (-1), the changing part and the constant one, (2, 2).
+def _error_shown(own: Fixes, law: Law, times: Array, hypothesis: int) -> Array:
+    """Return the mean error of the current at a buoy's first fix by its own track, [m/s]: the
+    changing part and the constant one, (2, 2).
     """
     one = np.ones((times.size - 1, 1, 1))
-    shifted = replace(own, time=own.time, excess=own.excess[[hypothesis]])
-    given = buoy_errors.condition(law, times, (one, one if law.wind_std > 0 else None), [shifted])
-    means, found = given.means[:, 0], {}
-    for end in (0, -1):
-        k = int(np.clip(np.searchsorted(times, own.time[end]), 0, times.size - 1))
-        bias = law.bias_std * means[k, -2] if law.biased else np.zeros(2)
-        found[end] = np.stack([law.current_std * means[k, 0], bias])
-    return found
+    alone = replace(own, excess=own.excess[[hypothesis]])
+    given = buoy_errors.condition(law, times, (one, one if law.wind_std > 0 else None), [alone])
+    first = int(np.clip(np.searchsorted(times, own.time[0]), 0, times.size - 1))
+    state = given.means[first, 0]
+    bias = law.bias_std * state[-2] if law.biased else np.zeros(2)
+    return np.stack([law.current_std * state[0], bias])
 
 
 def _places(
@@ -232,50 +230,46 @@ def _places(
     forcing: Forcing,
     hypothesis: tuple[int, int],
     buoy: BuoyTrack,
-    error: dict[int, Array],
+    error: Array,
     track: Track,
     times: Array,
 ) -> Array:
     """Return lon, lat [deg] of a buoy at times [s since 1970], (times, 2)."""
     place = np.stack(track.at(np.clip(times, buoy.time[0], buoy.time[-1])), axis=-1)
-    for end in (0, -1):
-        since = buoy.time[end]
-        beyond = np.flatnonzero(times > since if end else times < since)
-        order = beyond if end else beyond[::-1]
-        start = (track.lon[end], track.lat[end])
-        steps = _advected(case, forcing, hypothesis, buoy, start, since, times[order], error[end])
-        for k, there in zip(order, steps, strict=True):
-            place[k] = there
+    # Back from the first fix its error goes with the water. After the last one nothing is known of
+    # its innovations, so that its place has no effect.
+    before = np.flatnonzero(times < buoy.time[0])[::-1]
+    for k, there in zip(
+        before, _traced_back(case, forcing, hypothesis, buoy, times[before], error), strict=True
+    ):
+        place[k] = there
     return place
 
 
-def _advected(
+def _traced_back(
     case: Case,
     forcing: Forcing,
     hypothesis: tuple[int, int],
     buoy: BuoyTrack,
-    start: tuple[float, float],
-    since: float,
     times: Array,
     error: Array,
 ) -> Iterator[tuple[float, float]]:
-    """Yield lon, lat [deg] at times [s since 1970] of what drifts from a fix; backward in time, too.
+    """Yield lon, lat [deg] at descending times [s since 1970] of what drifted to a first fix.
 
-    error: its changing part, which fades with its decorrelation time, and its bias, (2, 2) [m/s].
-    Without forcing a buoy moves by them alone.
+    error: its changing part at the fix, which fades with its decorrelation time, and its bias,
+    (2, 2) [m/s]. Without forcing it moved by them alone.
     """
-    lon, lat = np.radians(start[0]), np.radians(start[1])
-    windage, before, memory = np.array([buoy.windage]), since, case.current_error.time
+    lon, lat = np.radians(buoy.lon[0]), np.radians(buoy.lat[0])
+    windage, memory = np.array([buoy.windage]), case.current_error.time
+    first = later = buoy.time[0]
     for time in times:
-        middle = np.array([np.rint((before + time) / 2)])
+        middle = np.array([np.rint((later + time) / 2)])
         x, y = (sphere.to_binary(np.degrees([angle])) for angle in (lon, lat))
         velocity = np.nan_to_num(_velocity(case, forcing, hypothesis, middle, x, y, windage)[0])
-        faded = memory * abs(
-            np.exp(-abs(before - since) / memory) - np.exp(-abs(time - since) / memory)
-        )
-        way = (velocity + error[1]) * (time - before) + error[0] * faded * np.sign(time - before)
-        lon, lat = sphere.destination(lon, lat, *way)
-        before = time
+        faded = memory * (np.exp((later - first) / memory) - np.exp((time - first) / memory))
+        way = (velocity + error[1]) * (later - time) + error[0] * faded
+        lon, lat = sphere.destination(lon, lat, *-way)
+        later = time
         yield float(np.degrees(lon)), float(np.degrees(lat))
 
 

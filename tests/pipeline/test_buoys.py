@@ -139,6 +139,26 @@ def test_a_cloud_beside_a_buoy_is_that_of_conditioned_errors(tmp_path: Path, ste
     assert np.linalg.det(np.cov(own.T)) < np.linalg.det(np.cov(alone.T))
 
 
+@pytest.mark.parametrize("pull", [np.zeros(2), np.array([0.3, -0.2])])
+def test_before_its_first_fix_a_buoy_is_where_its_water_was(
+    tmp_path: Path, pull: np.ndarray
+) -> None:
+    """With the current alone where it follows the current; else between that and its own pace."""
+    time = np.arange(5, 11.01, 0.5) * HOUR
+    write_track(tmp_path, "buoy", time, *drifting_buoy(time, pull).T)
+    begin, _ = moved(tmp_path, BUOY.format("buoy"), particles=200)
+    lon, lat = begin.scene.buoys.places[0, 0]
+    place = np.array([(lon - LON + 180) % 360 - 180, lat - LAT]) * METRES
+    own = AWAY  # where it would have been at its own pace
+    by_current = AWAY + pull * 5 * HOUR
+    if not pull.any():
+        np.testing.assert_allclose(place, own, atol=5)  # of places in 1e-8 degrees, over 5 hours
+    else:
+        shares = (place - by_current) / (own - by_current)
+        assert (shares > 0.6).all()
+        assert (shares < 1).all()
+
+
 def test_a_buoy_that_shows_nothing_changes_nothing(tmp_path: Path) -> None:
     """Its fixes are right to 1,000 km; particles move from beside it to where it says little."""
     time = np.arange(0, 9 * HOUR + 1, 1800.0)
