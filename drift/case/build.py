@@ -30,6 +30,7 @@ from drift.engine.environment.environment_spec import Coast
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
 from drift.engine.motion.buoys import BuoyTrack
 from drift.engine.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
+from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter import filling
 from drift.evidence.filter.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
@@ -76,6 +77,7 @@ def build_case(table: CaseTable, path: Path, text: str) -> Case:
     }
     spill, scenarios = _build_subject(table, forcing, folder, wrong)
     search = _build_search(table, Run(start, end, scenarios, folder), wrong)
+    wrong.lines += _mixed_stokes(scenarios, search.contacts)
     opens = _first_map_time(table, search, wrong)
     outputs = _outputs(table, spill, search, opens, wrong)
     current_error, wind_error = _forcing_errors(table, forcing, scenarios, search.contacts, wrong)
@@ -178,6 +180,28 @@ def _forcing_errors(
             reason = UNFELT
         wind = uncertainty.error(stated.wind, uncertainty.WIND, reason, "wind")
     return current, wind
+
+
+def _mixed_stokes(scenarios: tuple[Scenario, ...], contacts: tuple[Contact, ...]) -> list[str]:
+    """Return messages about debris that differs from an object in whether its lines include the
+    Stokes drift: debris drifts in the forcing of its object.
+    """
+    objects = [scenario.object for scenario in scenarios if scenario.sources.get("stokes")]
+    lines = []
+    for contact in contacts:
+        debris = contact.drifter
+        others = [one for one in objects if debris is not None and one.stokes != debris.stokes]
+        if debris is not None and others:
+            lines.append(
+                f'contact "{contact.name}".of: the Stokes drift is {_of_stokes(debris)}, and {_of_stokes(others[0])}; '
+                'debris drifts in the waves of its object: give leeway.stokes = "added", which adds it to both'
+            )
+    return lines
+
+
+def _of_stokes(drifter: Drifter) -> str:
+    where = "in the lines of" if drifter.stokes == "inside" else "not in the lines of"
+    return f"{where} {drifter.name}"
 
 
 def _drifters(

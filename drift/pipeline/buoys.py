@@ -73,8 +73,8 @@ def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | 
     edges, numbers = on_scene.step_edges(clock)
     tracks = [_track(buoy) for buoy in case.drifters]
     points = [along_track.quadrature_points(track.time) for track in tracks]
-    with closing(Forcing(list(where.scenarios), case.direction)) as forcing:
-        hypotheses = [(s, member) for s in range(len(where.scenarios)) for member in range(members)]
+    with closing(Forcing(list(where.water), case.direction)) as forcing:
+        hypotheses = [(s, member) for s in range(len(where.water)) for member in range(members)]
         velocities = _model_velocities(case, forcing, hypotheses, tracks, points)
         fixes = [
             _fixes(case, buoy, point, velocity)
