@@ -53,12 +53,14 @@ NO_SEARCH_OBJECT = "no sweep width table fits; give sweep_width instead"
 
 def objects(args: argparse.Namespace) -> Answer:
     """List leeway classes, or search them."""
-    from drift.case.scenario import catalogue
     from drift.engine.motion import everyday
     from drift.engine.motion.leeway import COAST_GUARD, Catalogue
 
-    words = " ".join(args.words)
-    known = catalogue.read_catalogue(args.catalogue) if args.catalogue else Catalogue()
+    words, known = " ".join(args.words), Catalogue()
+    if args.catalogue:
+        from drift.case.scenario import catalogue  # pydantic takes half a second
+
+        known = catalogue.read_catalogue(args.catalogue)
     classes = known.search(words)
     if not classes:
         raise UserError(

@@ -82,7 +82,7 @@ def test_a_spill_a_family_and_debris_name_its_classes(tmp_path: Path) -> None:
     assert case.contacts[0].drifter is not None
     assert case.contacts[0].drifter.name == "Seine boat"
     (tmp_path / "bearings.csv").write_text(
-        "time,lon,lat,bearing\n2026-11-21T02:00Z,-88.3,27.4,70\n2026-11-21T03:00Z,-88.3,27.5,80\n"
+        "time,lon,lat,bearing\n2026-11-21T02:00Z,088 18W,27 24N,70\n2026-11-21T03:00Z,088 18W,27 30N,80\n"
     )
     series = {"file": "bearings.csv", "std": "5 deg", "far": "60 nmi"}
     case = load(tmp_path, "water", contact=[{"bearings": series, "of": "PATROL-RIB"}])
