@@ -44,9 +44,9 @@ def test_objects_lists_and_searches(capsys: pytest.CaptureFixture[str]) -> None:
     assert "-0.59  +1.59" in out
     assert "DB-18" not in out
     assert "search_object of LIFE-RAFT-DB-19: Raft 15 person to Raft 25 person, by capacity" in out
-    status, out, _ = call(capsys, "objects", "jet", "ski")
+    status, out, _ = call(capsys, "objects", "jet", "boat")
     assert status == 0
-    assert "no class of personal watercraft: small powerboats are nearest" in out
+    assert "no class of jet boats: small powerboats are nearest" in out
 
 
 def test_cases_lists_titles(capsys: pytest.CaptureFixture[str]) -> None:
