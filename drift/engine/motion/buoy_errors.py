@@ -87,7 +87,8 @@ class Conditioned:
         first: root of the covariance of the deviation from the mean at the first step's begin,
             (d, d).
         moves: transition of the deviation over each step, (steps, d, d).
-        kicks: root of the covariance of what is added, (steps, d, d).
+        kicks: root of the covariance of what is added, (steps, d, d); 0 for the displacement of a
+            buoy after its last fix, as nothing depends on it.
         means: mean of the states at each step's begin and at the last one's end,
             (steps + 1, hypotheses, d, 2).
         log_likelihood: of the fixes under each hypothesis, (hypotheses,).
@@ -131,9 +132,10 @@ def condition(
         if own.time.size and own.fresh[0] and own.time[0] <= edges[0]:
             start[d - m + number, d - m + number] = own.error**2
     links = _links(law, edges, factors, buoys, d)
-    return Conditioned(
-        *_smoothed(links, buoys, start, len(edges) - 1), _log_likelihoods(links, buoys, start)
-    )
+    first, moves, kicks, means = _smoothed(links, buoys, start, len(edges) - 1)
+    for number, own in enumerate(buoys):
+        kicks[edges[:-1] >= own.time.max(initial=edges[0]), d - m + number] = 0.0
+    return Conditioned(first, moves, kicks, means, _log_likelihoods(links, buoys, start))
 
 
 def _links(

@@ -20,7 +20,7 @@ from drift.engine.particles.ensemble import Column, Device, Ensemble
 from geo import sphere
 from geo.array import Array
 from kernels.maths import noise
-from kernels.runtime import rows, runtime
+from kernels.runtime import launch, rows, runtime
 from kernels.step import buoys as kernel
 from kernels.step.advance import Step
 from kernels.step.errors import ROWS
@@ -139,25 +139,31 @@ class Sharer:
         self._buoys, self._ensemble = buoys, ensemble
         given, m = buoys.given, len(buoys.names)
         many = given.moves.shape[1]
-        names = column_names(m, many)
-        own = ensemble.own
-        self._z, self._shared = rows.whole(own, names), rows.whole(own, kernel.SHARED)
-        self._own = rows.whole(own, ROWS)
-        empty = np.zeros((1, many, many))
+        names, own = column_names(m, many), ensemble.own
         halves = np.stack(
             [given.means[:-1], given.means[1:]], axis=2
         )  # (steps, hypotheses, 2, ...)
         mixes = np.linalg.inv(buoys.factors)
         x, y = sphere.to_binary(buoys.places[..., 0]), sphere.to_binary(buoys.places[..., 1])
-        self._tables = (
-            _padded(given.moves, np.float32, empty),
-            _padded(given.kicks, np.float32, given.first[None]),
+        kicks = np.concatenate([given.first[None], given.kicks])
+        drawn = (kicks != 0).any(axis=1)
+        order = np.where(drawn, np.cumsum(drawn, axis=1) - 1, -1)
+        self._tables = launch.pack(
+            kernel.Tables,
+            _padded(given.moves, np.float32),
+            runtime.upload(kicks.astype(np.float32).ravel()),
+            runtime.upload(order.astype(np.int32).ravel()),
             _padded(halves, np.float32),
             _padded(mixes, np.float32),
             _padded(np.stack([x, y], axis=-1), np.int32),
         )
-        self._scratch = runtime.empty(2 * (many + m) * max(ensemble.n, 1))
-        self._member = own["member"] if buoys.members > 1 else runtime.upload(np.zeros(1, np.int32))
+        member = own["member"] if buoys.members > 1 else runtime.upload(np.zeros(1, np.int32))
+        self._particles = launch.pack(
+            kernel.Particles,
+            *(ensemble.scenario, ensemble.world, member, ensemble.status, ensemble.release),
+            *(ensemble.lon, ensemble.lat),
+            *(rows.whole(own, each) for each in (ROWS, names, kernel.SHARED)),
+        )
         law = buoys.law
         self._numbers = {
             "buoys": m,
@@ -188,30 +194,22 @@ class Sharer:
             ahead=float(ahead),
         )
         shift = ensemble.batch(range(len(ensemble.numbers))).shift
-        columns = (
-            *(ensemble.scenario, ensemble.world, self._member, ensemble.status, ensemble.release),
-            *(ensemble.lon, ensemble.lat, self._own),
-        )
         kernel.share_errors(
-            0,
             ensemble.n,
             shift,
-            *columns,
-            self._z,
-            self._scratch,
-            self._shared,
-            *self._tables,
+            self._particles,
+            self._tables,
             numbers,
             row,
             step.number,
             step.elapsed + step.duration,
-            *noise.key(ensemble.seed),
+            noise.key(ensemble.seed),
         )
 
 
-def _padded(values: Array, kind: type, first: Array | None = None) -> Device:
-    """Return a table with one more row in front, flat on the device."""
-    front = np.zeros((1, *values.shape[1:])) if first is None else first
+def _padded(values: Array, kind: type) -> Device:
+    """Return a table with one more row, of zeros, in front, flat on the device."""
+    front = np.zeros((1, *values.shape[1:]))
     return runtime.upload(np.concatenate([front, values]).astype(kind).ravel())
 
 
