@@ -319,7 +319,7 @@ class CaseTable(fields.Table):
             wrong.append("[[find]], [[patrol]] and [[patrol_unit]] belong to a [spill]")
         if self.spill is not None and "particles" in self.model_fields_set:
             wrong.append(
-                "particles: a spill has spill.worlds times spill.per_world of them; give those"
+                "particles: a spill has spill.worlds x spill.per_world particles; set these two instead"
             )
         if self.spill is not None and (given := self._of_a_search()):
             wrong.append(

@@ -49,11 +49,11 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
         )
     if table.coast.source == "none":
         wrong.lines.append(
-            'coast.source: "none": a [spill] is about what comes ashore; give "gshhg" or a shoreline file'
+            'coast.source: "none": a [spill] needs a coast for its objects; give "gshhg" or a shoreline file'
         )
     if table.coast.behaviour == "slide":
         wrong.lines.append(
-            'coast.behaviour: "slide": nothing of a [spill] would come ashore; give "strand" or "refloat"'
+            'coast.behaviour: "slide": no object of a [spill] would come ashore; give "strand" or "refloat"'
         )
     named, file, record = table.spill.stretches.file, None, None
     with wrong.gathered():
@@ -193,7 +193,7 @@ def _scenario(
             _check_sources(place, drifter, chosen, own)
         if own is not None and "waves" in own.uses and not chosen["stokes"]:
             wrong.lines.append(
-                f"{place}: {own.path.name} takes waves and there are none: add [[stokes]], their Stokes drift"
+                f"{place}: {own.path.name} uses waves, and the case has none: add [[stokes]], their Stokes drift"
             )
     elif itinerary is not None and itinerary.currents == "felt" and not chosen.get("current", True):
         wrong.lines.append(
@@ -277,7 +277,7 @@ def _check_sources(
     if not named["current"]:
         wrong.lines.append(
             f'{place} has no current: add [[current]] with files, or constant = {{ speed = "0 kn", toward = 0 }} '
-            "to say that there is none"
+            "if there is none"
         )
     if drifter.uses_wind and not named["wind"]:
         needs = (
@@ -305,7 +305,7 @@ def _names_of_sources(
     if wanted and added.issuperset(wanted):
         rest = ", ".join(f'"{name}"' for name in names if name not in added)
         raise UserError(
-            f"{place}: all of these have add = true; name what they are added to as well: {rest}"
+            f"{place}: all of these have add = true; also name the sources to which they are added: {rest}"
         )
     for name in wanted:
         if name in added and wanted.count(name) > 1:

@@ -664,7 +664,7 @@ def origin(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[JobOptions],
 ) -> backward.Origin:
-    """Run a spill backward from its finds to where and when it may have been released.
+    """Run a spill backward from its finds, to the probable place and time of its release.
 
     The result is a rough backtrack: confirm it with a forward run weighted by the finds.
 

@@ -310,7 +310,7 @@ def spill(numbers: dict[str, Any]) -> Facts:
         unlikely = "unlikely: check it, or set false = 0.1" if find["odd"] else "not unusual"
         facts[f'find {find["number"]} "{find["name"]}"'] = (
             f"{find['stretch']}: chance of a find here was {notation.percent(find['probability_beforehand'])}, "
-            f"{unlikely} ({notation.percent(find['tail'])} at places at most as likely); {verdict.false_find_in_words(find)}"
+            f"{unlikely} ({notation.percent(find['tail'])} here or at less likely places); {verdict.false_find_in_words(find)}"
         )
     if washup["silence"]:
         facts["assumed"] = washup["silence"]
@@ -354,7 +354,7 @@ def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
     """Return where and when a spill may have been released, from a backward run."""
     facts = origin_text.origin_facts(release) | _warnings(warnings)
     facts["note"] = (
-        "backtrack: proposes where to look; missed objects are not used. Confirm it with a "
+        "backtrack: proposes places to look at; it does not use objects that were not found. Confirm it with a "
         "forward run (drift run) "
         "with this release as its prior, weighted by all finds"
     )

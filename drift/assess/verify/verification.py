@@ -433,9 +433,9 @@ def _aground_notes(rows: Sequence[_Scores], stranded: Stranded) -> Iterator[str]
         )
         if len(rows) > len({row.track for row in rows}):
             yield (
-                "a drifter's later starts imply that it is still afloat, so its errors lean "
-                "offshore compared with the particles'; with --every longer than the tracks each "
-                "drifter has one start"
+                "a later start of a drifter implies that it is still afloat, so its errors are "
+                "biased offshore compared with the particles; with --every longer than the "
+                "tracks, each drifter has only one start"
             )
 
 

@@ -279,7 +279,7 @@ class ScenarioTable(fields.Table):
         adrift = not self.phase or self.distress is not None
         own = own_motion.is_own(self.motion)
         if adrift and self.object is None and not own:
-            yield "object is missing: what drifts? See: drift objects"
+            yield "object is missing: give the object that drifts; see: drift objects"
         if own and self.object is not None:
             yield f'object: motion = "{self.motion}" determines its drift; leave object out, and give search_object for sweep widths'
         if own and self.jibe is not None:

@@ -84,7 +84,7 @@ def _completed(value: object) -> float:
     share: float = units.quantity(value, "", "share", "60 %")
     if not 0 < share <= 1:
         raise ValueError(
-            f'{value!r} must be a share above 0 and at most 1, like 0.6 or "60 %"; leave out what was not flown'
+            f'{value!r} must be a share above 0 and at most 1, like 0.6 or "60 %"; leave out a sortie that was not flown'
         )
     return share
 

@@ -161,7 +161,7 @@ def key(areas: bool = True) -> list[tuple[Any, str]]:
     rows: list[tuple[Any, str]] = [
         (
             Line2D([], [], color=INK, linewidth=0.7, marker="o", markersize=2.6),
-            "Lane; an arrow where it is one-way",
+            "Lane; an arrow if it is one-way",
         ),
         (Patch(facecolor=WASH, alpha=0.75), "Its corridor"),
     ]
@@ -226,7 +226,7 @@ def buoy_tracks(buoys: Sequence[BuoyTrack], time: np.datetime64) -> Overlay:
     places = {
         f"drifter {own.name}": [np.stack([own.lon[seen], own.lat[seen]], -1)] for own, seen in shown
     }
-    rows = [(Line2D([], [], **BUOY), "Drifting buoy, and where it was seen last")] if shown else []
+    rows = [(Line2D([], [], **BUOY), "Drifting buoy, and its last fix")] if shown else []
     return Overlay(draw, places, rows, names)
 
 
@@ -316,7 +316,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
         places["the lanes"] = middles(network)
         places["where the lanes begin"] = _route_starts(named_itineraries)
     if rings:
-        places["the areas of patrol"] = [np.array([*ring, ring[0]]) for ring in corners]
+        places["the patrol areas"] = [np.array([*ring, ring[0]]) for ring in corners]
     if trackers:
         places["the tracker"] = trackers
     return Overlay(draw, places, rows)
