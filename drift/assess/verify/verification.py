@@ -315,7 +315,11 @@ def _case(
             if QUANTITIES[quantity].has_errors:
                 # stated, because a table by time has no errors by default
                 changes["uncertainty"] = {
-                    "current": _error_table(base.current_error) | {"bias": base.current_error.bias},
+                    "current": {
+                        **_error_table(base.current_error),
+                        "bias": base.current_error.bias,
+                        "tail": base.current_error.tail if base.current_error.tailed else "none",
+                    },
                     "wind": _error_table(base.wind_error),
                     "diffusivity": base.diffusivity,
                 }
