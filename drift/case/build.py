@@ -168,6 +168,8 @@ def _forcing_errors(
             forcing["current"], [s.sources["current"] for s in scenarios]
         )
         current = uncertainty.error(stated.current, uncertainty.CURRENT, reason, "current")
+        if current.tailed and (table.spill or table.drifter):
+            raise UserError(uncertainty.no_tail_beside("[spill]" if table.spill else "[[drifter]]"))
         if table.spill:
             current = uncertainty.with_spill_bias(current, stated.current, table.spill.current_bias)
         reason = uncertainty.why_no_default(forcing["wind"], [s.sources["wind"] for s in scenarios])

@@ -199,7 +199,8 @@ def guide_of(case: Case, where: Environment, setup: Setup) -> Guide | None:
     """Fit the guide of particles toward finds of debris; None if the case has none that guide."""
     if case.spill or case.resampling.fills or not any(contact.drifter for contact in case.contacts):
         return None
-    if case.drifters:  # the proposal knows nothing of the errors that buoys share
+    # The proposal knows nothing of the errors that buoys share, nor of scales.
+    if case.drifters or case.current_error.tailed:
         return None
     return pilot.fit(lead_of(case, where, setup), case.contacts)
 

@@ -44,6 +44,7 @@ from kernels.step.features import (
     SHARED,
     SINK,
     SLIDE,
+    TAIL,
     WIND,
 )
 from kernels.step.life import ASHORE, SUNK
@@ -77,7 +78,7 @@ CoreColumns = ti.types.argpack(**CORE)
 OwnColumns = ti.types.argpack(
     side=Ints,
     leeway_rows=Reals,  # (6 n,) rows LEEWAY
-    error_rows=Reals,  # (6 n,) rows errors.ROWS
+    error_rows=Reals,  # (7 n,) rows errors.ROWS
     nudge_rows=Reals,  # (4 n,) rows guide.NUDGES
     shared_rows=Reals,  # (6 n,) rows buoys.SHARED
     member_of=Ints,
@@ -118,6 +119,7 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
         "nudge": 4 * bool(wanders and features & GUIDED),  # added to the normals of the errors
         "shared": 6 * bool(wanders and features & SHARED),  # see kernels.step.buoys
         "bias": 2,
+        "scale": bool(wanders and features & TAIL),
         "error": 4,
         "log": 3,
         "keep": 2,
@@ -191,6 +193,8 @@ def _muster(
             error = ti.Vector([own.error_rows[k * n + i] for k in ti.static(range(many))])
             for k in ti.static(range(many)):
                 held.errors[k, j] = error[k]
+            if ti.static(features & TAIL):
+                held.scale[0, j] = own.error_rows[errors.CURRENT_SCALE * n + i]
             if ti.static(features & GUIDED):
                 nudge = ti.Vector([own.nudge_rows[k * n + i] for k in ti.static(range(4))])
                 for k in ti.static(range(4)):
@@ -809,6 +813,7 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
         | POLAR * place.polar
         | GUIDED * place.guided
         | SHARED * place.shares
+        | TAIL * any(own.tailed > 0 for own in physics)
         | LAYERS * any(last - first > 1 for first, last in ranges.values())
     )
 

@@ -15,6 +15,7 @@ from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.model import Group, Key, Model, Waters
 from drift.engine.motion.scenario import Scenario
 from drift.engine.particles.ensemble import Column, Ensemble, Slots
+from kernels.runtime import rows
 from kernels.step import advance as kernel
 from kernels.step import bridge
 from kernels.step import errors as errors_of
@@ -29,6 +30,9 @@ _MEANING = {
     "wind_error": "Ornstein-Uhlenbeck error of the wind now",
     "current_bias": "constant error of the current: its own, or in a spill its world's",
 }
+_SCALE = Column(
+    "current_scale", np.float32, 1, "", "factor of its errors of the current: their tail", "errors"
+)
 COLUMNS = (
     Column("side", np.int32, 1, "", "+1 drifts to the right of the wind, -1 to the left"),
     *(
@@ -52,7 +56,9 @@ COLUMNS = (
             "errors",
         )
         for name in ERRORS
+        if name != _SCALE.name
     ),
+    _SCALE,
 )
 
 
@@ -63,7 +69,13 @@ def physics(errors: Errors, scenario: Scenario) -> Physics:
         errors.wind if scenario.object.uses_wind else ForcingError(0.0, 1.0),
     )
     return Physics(
-        current.std, current.time, wind.std, wind.time, errors.diffusivity, scenario.jibe_rate
+        current.std,
+        current.time,
+        wind.std,
+        wind.time,
+        errors.diffusivity,
+        scenario.jibe_rate,
+        float(current.tailed),
     )
 
 
@@ -101,7 +113,7 @@ def draw_leeway(ensemble: Ensemble, slots: Slots, key: Key, drifter: Drifter) ->
 
 
 def draw_errors(ensemble: Ensemble, slots: Slots, key: Key, errors: Errors) -> None:
-    """Draw each particle's initial errors of current and wind, and its bias."""
+    """Draw each particle's initial errors of current and wind, its bias, and its scale."""
     for number, (name, std) in enumerate(
         (
             ("current_error", errors.current.std),
@@ -111,6 +123,9 @@ def draw_errors(ensemble: Ensemble, slots: Slots, key: Key, errors: Errors) -> N
     ):
         east, north = ensemble.own[f"{name}_east"], ensemble.own[f"{name}_north"]
         draws.draw_error(*slots, east, north, number, *key, std)
+    if errors.current.tailed:
+        error_rows = rows.whole(ensemble.own, ERRORS)
+        errors_of.draw_scales(*slots, error_rows, *key, errors.current.tail)
 
 
 def mover(
