@@ -26,31 +26,20 @@ class ChangeTable(fields.Table):
     """A change of state: how it comes, and what drifts then."""
 
     name: fields.Label
-    """Name of the state that it leads to, such as `"capsized"`."""
     from_: Annotated[list[str], BeforeValidator(_states)] = Field([UNCHANGED], alias="from")
-    """The states in which it may come, `"unchanged"` or names of changes above this one."""
     rate: Annotated[float, BeforeValidator(fields.rate)] | None = None
-    """How often it comes, such as `"0.1/h"`; with `wind`, in winds far above it."""
     wind: fields.WindSpeed | None = None
-    """Wind speed at which half of `rate` holds."""
     width: Annotated[fields.WindSpeed | None, Field(gt=0)] = None
-    """How gradually the rate rises about `wind`, by default 2.5 m/s."""
     at: spreads.Time | None = None
-    """In place of `rate`: the uncertain time at which it comes."""
     after: spreads.Durations | None = None
-    """In place of `rate`: the uncertain time from the begin of the former state."""
     object: Annotated[
         ObjectTable | None,
         BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value),
     ] = None
-    """What drifts then: as a scenario's `object`."""
     leeway: fields.Share | None = None
-    """In place of `object`: share of its former leeway that is left."""
     sinks: bool = False
-    """Whether it sinks: it is no longer on the map, and nothing at the surface detects it."""
     search_object: SearchObject | None = None
     survival: SurvivalTable | None = None
-    """Survival time from the change on."""
 
     @model_validator(mode="after")
     def whole(self) -> "ChangeTable":
