@@ -173,10 +173,10 @@ def _forcing_errors(
         if table.spill:
             current = uncertainty.with_spill_bias(current, stated.current, table.spill.current_bias)
         reason = uncertainty.why_no_default(forcing["wind"], [s.sources["wind"] for s in scenarios])
-        drifters = [s.object for s in scenarios] + [
-            c.drifter for c in contacts if c.drifter is not None
-        ]
-        if not any(drifter.uses_wind for drifter in drifters):
+        debris = [c.drifter for c in contacts if c.drifter is not None]
+        if not any(own.uses_wind for own in scenarios) and not any(
+            drifter.uses_wind for drifter in debris
+        ):
             reason = UNFELT
         wind = uncertainty.error(stated.wind, uncertainty.WIND, reason, "wind")
     return current, wind

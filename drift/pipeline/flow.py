@@ -19,7 +19,7 @@ from drift.case.record import Case
 from drift.engine.environment import ambient, environment
 from drift.engine.environment.ambient import Flow
 from drift.engine.environment.environment import Environment
-from drift.engine.motion import scene, simulate
+from drift.engine.motion import changes, scene, simulate
 from drift.engine.motion.buoys import BuoyTrack
 from drift.engine.motion.forcing import Sources
 from drift.engine.motion.spool import SnapshotStore
@@ -45,7 +45,7 @@ from drift.forecast.by_member import Members
 from drift.forecast.products import chapter as forecast_chapter
 from drift.forecast.products import dataset
 from drift.forecast.tracks import Trajectories
-from drift.pipeline import buoy_effect, run_metadata, run_setup
+from drift.pipeline import buoy_effect, run_metadata, run_setup, states
 from drift.pipeline.result import Result
 from drift.pipeline.run_options import (
     Job,
@@ -375,6 +375,8 @@ def build_result(job: Job, run: FinishedRun) -> Result:
     summary["warnings"] += environment.warnings(where)
     if updates is not None:
         summary |= {"search": search_tables.summary_of_search(updates)}
+    if changes.any_changes(case.scenarios):
+        summary["states"] = states.summary_of_states(snapshots, case.scenarios)
     if posteriors is not None:
         summary |= posterior_tables.summary(posteriors)
     on = run_metadata.with_coast(

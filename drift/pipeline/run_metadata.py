@@ -209,7 +209,7 @@ def caution_banner(case: Case) -> str:
     zero."""
     if has_synthetic_forcing(case):
         return "SYNTHETIC wind or current: not for operations"
-    felt = any(scenario.object.uses_wind for scenario in case.scenarios)
+    felt = any(scenario.uses_wind for scenario in case.scenarios)
     return forcing_error.switched_off(case.current_error, case.wind_error if felt else None)
 
 

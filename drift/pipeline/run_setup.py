@@ -18,7 +18,7 @@ from drift.engine.environment.environment import Common, Environment
 from drift.engine.environment.environment_spec import Coast, EnvironmentSpec
 from drift.engine.environment.silence import AtEnd
 from drift.engine.motion import buoys as on_scene
-from drift.engine.motion import models, prior, step_size
+from drift.engine.motion import changes, models, prior, step_size
 from drift.engine.motion.buoys import Buoys
 from drift.engine.motion.clock import Clock
 from drift.engine.motion.ensemble_spec import EnsembleSpec, Release
@@ -380,6 +380,8 @@ def build_setup(
 def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | None) -> Scene:
     """Return the scene of a case's run; close its forcing after it. shore: the coast on the device."""
     sinks = case.spill is not None and any(kind.sinking for kind in case.spill.kinds)
+    sinks |= any(one.sinks for scenario in case.scenarios for one in scenario.changes)
+    changing = changes.any_changes(case.scenarios)
     beach, bias = _beach(case.coast), case.current_error.bias > 0
     place = advance.Surroundings(
         domain.binary(where.box),
@@ -389,6 +391,7 @@ def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | N
         sinks,
         scheme=case.scheme,
         polar=domain.is_polar(where.box),
+        changes=tuple(changes.rows(s.changes) for s in case.scenarios) if changing else (),
     )
     steering = models.steering(case.scenarios, case.period, case.errors)
     forcing = Forcing(list(where.scenarios), case.direction)

@@ -10,7 +10,7 @@ import numpy as np
 from drift.apps.check import outlook, voyage
 from drift.case.record import Case
 from drift.engine.motion.buoys import BuoyTrack
-from drift.engine.motion.scenario import Scenario
+from drift.engine.motion.scenario import UNCHANGED, Change, Scenario
 from drift.evidence.filter import contacts
 from drift.evidence.filter.records import Barrier, Contact, Field, Line, Look, Presence, Sortie
 from drift.evidence.sensors.records import Processing, Sensor, Sonar, Tow
@@ -195,7 +195,26 @@ def _scenario(scenario: Scenario, dry: float, *, released: bool) -> str:
         text += f"; {notation.percent(dry)} of its starting positions are on land and ignored"
     if scenario.survival is not None:
         text += f"; alive: {alive.basis(scenario)}"
-    return text
+    return "; ".join([text, *(_change(one, scenario) for one in scenario.changes)])
+
+
+def _change(one: Change, scenario: Scenario) -> str:
+    """Describe a change of state of a scenario's object."""
+    names = (UNCHANGED, *(other.name for other in scenario.changes))
+    leaves = "" if one.leaves == (0,) else f" from {' or '.join(names[k] for k in one.leaves)}"
+    if one.time is None:
+        comes = f"{notation.number(one.rate * 3600, 3)} /h"
+        if one.wind is not None:
+            at, width = (notation.number(speed, 3) for speed in one.wind)
+            comes = f"up to {comes}, half of it at {at} m/s of wind, within about {width} m/s"
+    else:
+        low, high = (notation.number(time / 3600, 3) for time in (one.time.low, one.time.high))
+        since = "that state" if one.after else "the start"
+        comes = f"{low} h after {since}" if low == high else f"{low} to {high} h after {since}"
+    then = f", then {one.object.name}" if one.object is not None else ""
+    if one.object is None and one.leeway != 1:
+        then = f", then {notation.percent(one.leeway, 0)} of its leeway"
+    return f'"{one.name}"{leaves}: {comes}{", sinks" if one.sinks else then}'
 
 
 def _around(prior: Any) -> str:

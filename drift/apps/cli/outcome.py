@@ -44,6 +44,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     for status, share in numbers["account"].items():
         if share > 0:
             facts[status.replace("_", " ")] = notation.percent(share)
+    facts |= _states(numbers)
     facts |= {"errors": errors} if (errors := numbers["uncertainty"]["told"]) else {}
     facts |= _search(numbers) | _guided(numbers) | _drifters(numbers)
     facts |= _lost(numbers)
@@ -51,6 +52,16 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     facts |= {"members": _members(numbers["members"])} if "members" in numbers else {}
     facts |= _scenarios(numbers["scenario_weights"])
     return facts | _by_axis(numbers["stories"]) if "stories" in numbers else facts
+
+
+def _states(numbers: dict[str, Any]) -> Facts:
+    """Return what has become of the objects, by scenario; nothing if none changes."""
+    return {
+        f'states of "{name}"': ", ".join(
+            f"{state} {notation.percent(share)}" for state, share in own.items()
+        )
+        for name, own in numbers.get("states", {}).items()
+    }
 
 
 def _guided(numbers: dict[str, Any]) -> Facts:
