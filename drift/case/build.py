@@ -21,6 +21,7 @@ from drift.case.search import drifter as drifter_table
 from drift.case.search import look as look_table
 from drift.case.search import plan as plan_table
 from drift.case.search import presence as presence_table
+from drift.case.search import report as report_table
 from drift.case.search import sortie as sortie_table
 from drift.case.sonar import sonar as sonar_table
 from drift.case.sonar import tow as tow_table
@@ -28,7 +29,7 @@ from drift.case.values import units
 from drift.case.values.mistakes import Mistakes
 from drift.engine.environment.environment_spec import Coast
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
-from drift.engine.motion.buoys import BuoyTrack
+from drift.engine.motion.buoys import BuoyTrack, PointReport
 from drift.engine.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter import filling
@@ -79,7 +80,9 @@ def build_case(table: CaseTable, path: Path, text: str) -> Case:
     opens = _first_map_time(table, search, wrong)
     outputs = _outputs(table, spill, search, opens, wrong)
     current_error, wind_error = _forcing_errors(table, forcing, scenarios, search.contacts, wrong)
-    drifters = _drifters(table, Run(start, end, scenarios, folder), current_error, wrong)
+    run = Run(start, end, scenarios, folder)
+    drifters = _drifters(table, run, current_error, wrong)
+    reports = _reports(table, run, {"current": current_error, "wind": wind_error}, wrong)
     depth = _depth(table, search.units, folder, wrong)
     coast = _coast(table.coast, folder, wrong)
     resampling = table.resampling.resampling()
@@ -121,6 +124,7 @@ def build_case(table: CaseTable, path: Path, text: str) -> Case:
         sensors=search.sensors,
         named_sensors=search.named,
         drifters=drifters,
+        reports=reports,
         units=search.units,
         plan=search.plan,
         resampling=resampling,
@@ -168,8 +172,9 @@ def _forcing_errors(
             forcing["current"], [s.sources["current"] for s in scenarios]
         )
         current = uncertainty.error(stated.current, uncertainty.CURRENT, reason, "current")
-        if current.tailed and (table.spill or table.drifter):
-            raise UserError(uncertainty.no_tail_beside("[spill]" if table.spill else "[[drifter]]"))
+        normal = {"[spill]": table.spill, "[[drifter]]": table.drifter, "[[report]]": table.report}
+        if current.tailed and (needs := [key for key, given in normal.items() if given]):
+            raise UserError(uncertainty.no_tail_beside(needs[0]))
         if table.spill:
             current = uncertainty.with_spill_bias(current, stated.current, table.spill.current_bias)
         reason = uncertainty.why_no_default(forcing["wind"], [s.sources["wind"] for s in scenarios])
@@ -204,6 +209,25 @@ def _drifters(
             drifter_table.check_near(buoys, run.scenarios, current.length)
             drifter_table.check_wind(buoys, run.scenarios)
         return buoys
+    return ()
+
+
+def _reports(
+    table: CaseTable, run: Run, errors: Mapping[str, ForcingError], wrong: Mistakes
+) -> tuple[PointReport, ...]:
+    """Return the reports of winds and currents; add mistakes to `wrong`."""
+    if not table.report:
+        return ()
+    if table.direction == "backward":
+        wrong.lines.append(
+            '[[report]]: has no effect in a backward run; leave it out, or direction = "backward"'
+        )
+        return ()
+    with wrong.gathered():
+        reports = report_table.build_reports(table.report, len(table.drifter), run)
+        if run.scenarios:
+            report_table.check_reports(reports, run, errors)
+        return reports
     return ()
 
 

@@ -23,6 +23,7 @@ from drift.case.search.drifter import DrifterTable
 from drift.case.search.look import LookTable
 from drift.case.search.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.search.presence import PresenceTable
+from drift.case.search.report import ReportTable
 from drift.case.search.sortie import SortieTable
 from drift.case.sonar.sonar import NamedSensorTable
 from drift.case.sonar.tow import TowTable
@@ -258,6 +259,8 @@ class CaseTable(fields.Table):
     """
     drifter: list[DrifterTable] = Field(default_factory=list)
     """Drifting buoys on scene: their tracks correct the errors of the current near them."""
+    report: list[ReportTable] = Field(default_factory=list)
+    """Winds and currents reported on scene: they correct those of the case near them."""
     look: list[LookTable] = Field(default_factory=list)
     """An observation of a field at one time."""
     presence: list[PresenceTable] = Field(default_factory=list)

@@ -9,7 +9,7 @@ import numpy as np
 
 from drift.apps.check import outlook, voyage
 from drift.case.record import Case
-from drift.engine.motion.buoys import BuoyTrack
+from drift.engine.motion.buoys import BuoyTrack, PointReport
 from drift.engine.motion.scenario import UNCHANGED, Change, Scenario
 from drift.evidence.filter import contacts
 from drift.evidence.filter.records import Barrier, Contact, Field, Line, Look, Presence, Sortie
@@ -238,6 +238,7 @@ def _weight(weight: float) -> str:
 def _search(case: Case) -> dict[str, str]:
     """Describe sorties, contacts, sensors, and the units or arrays that a plan may use."""
     lines = {f'drifter "{own.name}"': _drifter(own) for own in case.drifters}
+    lines |= {f'report "{own.name}"': _report(own) for own in case.reports}
     lines |= {f'sortie "{sortie.name}"': _sortie(sortie) for sortie in case.sorties}
     for contact in case.contacts:
         doubt = f"belief {notation.number(contact.belief)}"
@@ -393,6 +394,24 @@ def _drifter(own: BuoyTrack) -> str:
         *own.notes,
     ]
     return ", ".join(facts)
+
+
+def _report(own: PointReport) -> str:
+    """Describe a wind or current reported on scene."""
+    speed = f"{notation.number(float(np.hypot(*own.velocity)) / KNOT, 3)} kn"
+    moment = notation.stated_time(np.datetime64(int(own.time), "s"))
+    toward = math.degrees(math.atan2(*own.velocity))
+    way = (
+        f"from {_rounded(toward + 180)}" if own.quantity == "wind" else f"toward {_rounded(toward)}"
+    )
+    return (
+        f"{own.quantity} {speed} {way} at {notation.stated_position(own.lon, own.lat)}, {moment}, "
+        f"right to {notation.number(own.error / KNOT, 3)} kn"
+    )
+
+
+def _rounded(degrees: float) -> str:
+    return notation.bearing(round(degrees % 360, 1))
 
 
 def _sortie(sortie: Sortie) -> str:
