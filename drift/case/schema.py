@@ -24,6 +24,7 @@ from drift.case.search.drifter import DrifterTable
 from drift.case.search.look import LookTable
 from drift.case.search.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.search.presence import PresenceTable
+from drift.case.search.report import ReportTable
 from drift.case.search.sortie import SortieTable
 from drift.case.sonar.sonar import NamedSensorTable
 from drift.case.sonar.tow import TowTable
@@ -261,6 +262,8 @@ class CaseTable(fields.Table):
     """
     drifter: list[DrifterTable] = Field(default_factory=list)
     """Drifting buoys on scene: their tracks correct the errors of the current near them."""
+    report: list[ReportTable] = Field(default_factory=list)
+    """Winds and currents reported on scene: they correct those of the case near them."""
     look: list[LookTable] = Field(default_factory=list)
     """An observation of a field at one time."""
     presence: list[PresenceTable] = Field(default_factory=list)
@@ -322,7 +325,7 @@ class CaseTable(fields.Table):
             wrong.append("[[find]], [[patrol]] and [[patrol_unit]] belong to a [spill]")
         if self.spill is not None and "particles" in self.model_fields_set:
             wrong.append(
-                "particles: a spill has spill.worlds times spill.per_world of them; give those"
+                "particles: a spill has spill.worlds x spill.per_world particles; set these two instead"
             )
         if self.spill is not None and (given := self._of_a_search()):
             wrong.append(

@@ -220,7 +220,7 @@ def caution_banner(case: Case) -> str:
     zero."""
     if has_synthetic_forcing(case):
         return "SYNTHETIC wind or current: not for operations"
-    felt = any(scenario.object.uses_wind for scenario in case.scenarios)
+    felt = any(scenario.uses_wind for scenario in case.scenarios)
     return forcing_error.switched_off(case.current_error, case.wind_error if felt else None)
 
 
@@ -229,10 +229,13 @@ def _errors_sentence(description: str) -> str:
 
 
 def drifting_objects(case: Case) -> list[Drifter]:
-    """Return the objects that drift in a case, and the debris of its contacts, each once."""
+    """Return the objects that drift in a case, what they change to, and debris, each once."""
     adrift = [scenario.object for scenario in _adrift(case)]
-    debris = [contact.drifter for contact in case.contacts if contact.drifter is not None]
-    return list(dict.fromkeys([*adrift, *debris]))
+    others = [
+        *(change.object for scenario in _adrift(case) for change in scenario.changes),
+        *(contact.drifter for contact in case.contacts),
+    ]
+    return list(dict.fromkeys([*adrift, *(one for one in others if one is not None)]))
 
 
 def _adrift(case: Case) -> list[Scenario]:

@@ -229,6 +229,26 @@ def test_a_buoy_drifts_with_waves_that_lines_of_the_object_include(tmp_path: Pat
     assert shown["excess_m_s"] < 0.005
 
 
+def test_a_change_to_an_object_of_the_other_kind_is_refused_with_a_remedy_that_works(
+    tmp_path: Path,
+) -> None:
+    change = {"name": "box", "rate": "0.1/h", "object": "CONTAINER-2"}
+    raft = {"object": "BOAT", "change": [change]}
+    with pytest.raises(UserError) as refused:
+        case_of(tmp_path, scenario=raft)
+    (line,) = refused.value.lines
+    assert (
+        'scenario "raft".change "box": the Stokes drift is not in the lines of CONTAINER-2' in line
+    )
+    remedy = {"catalogue": "objects.toml", "stokes": "added"}
+    assert case_of(tmp_path, scenario=raft, leeway=remedy).scenarios[0].changes
+    same = {"object": "BOAT", "change": [{**change, "object": "PANGA"}]}
+    case = case_of(tmp_path, scenario=same)
+    told = drift.check(case)
+    assert f"{NOT_ADDED}BOAT, PANGA:" in told["leeway, note 1"]
+    assert told["leeway, note 2"].startswith("object PANGA: ")
+
+
 def test_debris_of_the_other_kind_is_refused_with_a_remedy_that_works(tmp_path: Path) -> None:
     found = {
         "time": "+5 h",

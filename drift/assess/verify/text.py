@@ -84,6 +84,11 @@ def verification_facts(result: Verification) -> Facts:
         f"{skill.mean:.2f}{_more(skill.error, 2)}, median {np.median(result.skill):.2f} "
         "(Liu and Weisberg; 1 is perfect, 0: errors as large as the drifter's path length)"
     )
+    unclipped, staying = result.mean(result.unclipped), result.mean(result.staying)
+    lines["skill, unclipped"] = (
+        f"{unclipped.mean:.2f}{_more(unclipped.error, 2)}; staying put "
+        f"{staying.mean:.2f}{_more(staying.error, 2)} (SS*; may be negative)"
+    )
     for lead, hours in enumerate(result.leads):
         column = int(np.searchsorted(result.hours, hours))
         apart = result.apart[:, column]
@@ -97,6 +102,13 @@ def verification_facts(result: Verification) -> Facts:
         lines[f"after {hours:g} h, held"] = ", ".join(
             f"{100 * share:.0f} % area {percent_with_error(result.held(lead, share))}"
             for share in result.shares
+        )
+        energy, log = result.mean(result.energy[:, lead]), result.mean(result.log[:, lead])
+        area = math.exp(min(-log.mean, 500.0)) * 1e6 / NMI**2
+        lines[f"after {hours:g} h, scores"] = (
+            f"energy score {energy.mean / NMI:.2f}{_more(energy.error, 2, NMI)} nmi, staying put "
+            f"{persistence.mean / NMI:.2f}; log score {log.mean:.2f}{_more(log.error, 2)} (the density "
+            f"of a uniform area of {area:,.3g} nmi2)"
         )
         if aground := _aground(result, column):
             lines[f"after {hours:g} h, aground"] = aground

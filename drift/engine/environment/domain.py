@@ -12,6 +12,7 @@ from drift.engine.environment.environment_spec import EnvironmentSpec
 from drift.engine.environment.forcing_spec import ForcingSpec
 from drift.engine.motion import drift
 from drift.engine.motion.ensemble_spec import EnsembleSpec
+from drift.engine.motion.forcing_error import ForcingError
 from drift.engine.motion.models import model_of
 from drift.engine.motion.scenario import Scenario
 from geo import sphere
@@ -26,6 +27,7 @@ POLEWARD = 89.0  # [deg] a domain that reaches beyond holds the pole: there meri
 VAST = 4_000.0
 FARTHEST = 7.0  # standard deviations beyond which practically no particle is drawn
 SPREADS = 5.0  # standard deviations of a prior inside its box
+SCALE = 4.0  # of a tail: with 4 degrees of freedom, larger for 1 of 530 particles
 
 
 def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
@@ -68,7 +70,8 @@ def within_reach(spec: EnsembleSpec) -> Box:
     """
 
     def carried(leeway: float) -> float:
-        speed = FASTEST_CURRENT + leeway + 3 * (spec.errors.current.std + spec.errors.current.bias)
+        error = spec.errors.current
+        speed = FASTEST_CURRENT + leeway + 3 * _scaled(error) * (error.std + error.bias)
         if spec.release:
             speed += leeway * (math.exp(2 * spec.release.windage_bias) - 1)
         return speed
@@ -76,6 +79,11 @@ def within_reach(spec: EnsembleSpec) -> Box:
     objects = [(model_of(s).forced, model_of(s).usual(s, STRONGEST_WIND)) for s in _drifting(spec)]
     debris = [(True, drift.usual(drifter, STRONGEST_WIND)) for drifter in spec.debris]
     return around(spec, _fastest_of(spec, objects + debris, carried), SPREADS)
+
+
+def _scaled(error: ForcingError) -> float:
+    """Return how many times wider a tail makes the errors that boxes allow for."""
+    return SCALE if error.tailed else 1.0
 
 
 def outermost_box(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
@@ -97,7 +105,8 @@ def outermost_box(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
             sum(utmost[name] for name, quantity in QUANTITIES.items() if not quantity.in_air)
             + leeway
         )
-        speed += FARTHEST * (spec.errors.current.std + spec.errors.current.bias)
+        error = spec.errors.current
+        speed += FARTHEST * _scaled(error) * (error.std + error.bias)
         if spec.release:
             speed += leeway * math.exp(FARTHEST * spec.release.windage_bias)
         return speed + FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)

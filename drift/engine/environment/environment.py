@@ -230,7 +230,7 @@ def box_to_read(box: Box) -> Box:
 
 def _names(spec: EnsembleSpec, scenario: Scenario) -> dict[str, tuple[str, ...]]:
     """Return the names of a scenario's sources, by quantity, without winds if nothing uses them."""
-    blown = scenario.object.uses_wind or any(drifter.uses_wind for drifter in spec.debris)
+    blown = scenario.uses_wind or any(drifter.uses_wind for drifter in spec.debris)
     return {
         quantity: names if blown or not QUANTITIES[quantity].in_air else ()
         for quantity, names in scenario.sources.items()

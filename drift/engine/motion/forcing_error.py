@@ -1,5 +1,6 @@
 """Errors of winds and currents: the size of each, its source, and descriptions for users."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,6 +32,13 @@ class ForcingError:
     # sources of std, time and bias, or why there is none
     by: tuple[str, str, str] = (CASE, CASE, CASE)
     length: float = 12_500.0  # [m] over which it is correlated: drift.engine.motion.buoy_errors
+    # degrees of freedom of Student's law, at least 3; inf: a normal law. Of the current only
+    tail: float = math.inf
+
+    @property
+    def tailed(self) -> bool:
+        """Whether each particle has a scale of its own."""
+        return math.isfinite(self.tail)
 
 
 @dataclass(frozen=True)
@@ -86,6 +94,11 @@ def _words(quantity: str, error: ForcingError) -> str:
         parts.append((f"{notation.number(error.bias)} m/s that lasts", bias))
     if not parts:
         return f"no error of the {quantity} ({std})"
+    if error.tailed:
+        parts[-1] = (
+            f"{parts[-1][0]}, Student's with {notation.number(error.tail)} degrees of freedom",
+            parts[-1][1],
+        )
     if len({whose for _, whose in parts}) == 1:
         parts = [(" and ".join(text for text, _ in parts), parts[0][1])]
     return f"{quantity} {' and '.join(f'{text} ({whose})' for text, whose in parts)}"
@@ -101,6 +114,7 @@ def summary_of_errors(
             "time_s": error.time,
             "bias_m_s": error.bias,
             "by": dict(zip(("std", "time", "bias"), error.by, strict=True)),
+            **({"tail": error.tail} if error.tailed else {}),
         }
         for name, error in (("current", current), ("wind", wind))
     }

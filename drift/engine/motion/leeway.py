@@ -114,7 +114,7 @@ def windage(immersion: Any) -> Any:
     return AIR_IN_WATER * ((1.0 - immersion) / immersion) ** 0.5
 
 
-WATER = Drifter("water", "Water particle: moves with the current alone", Line(), Line(), Line())
+WATER = Drifter("water", "Water particle: moves with the current only", Line(), Line(), Line())
 
 
 @lru_cache(maxsize=1)
