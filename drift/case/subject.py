@@ -21,7 +21,7 @@ from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
 from drift.engine.motion import own_motion
 from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.own_motion import OwnMotion
-from drift.engine.motion.scenario import Scenario
+from drift.engine.motion.scenario import Change, Scenario
 from drift.engine.motion.steering.itinerary import Itinerary, Phase, Spread, Ways
 from drift.spills.worlds.records import Find, Patrol, Spill
 from geo import notation
@@ -175,6 +175,14 @@ def _scenario(
     drifter = table.drifter(own)
     with wrong.gathered(place):
         prior = table.prior(start)
+    changes: tuple[Change, ...] = ()
+    with wrong.gathered():
+        changes = table.changes(start)
+    if changes and end < start:
+        wrong.lines.append(
+            f"{place}: changes of state need a forward run; give an end after the start, or leave "
+            "change out"
+        )
     with wrong.gathered():
         itinerary = table.itinerary(start, end, folder)
     with wrong.gathered():
@@ -191,6 +199,7 @@ def _scenario(
     if len(chosen) == len(forcing) and adrift and _needs_forcing(table.motion):
         with wrong.gathered():
             _check_sources(place, drifter, chosen, own)
+            _check_winds_of_changes(place, changes, chosen)
         if own is not None and "waves" in own.uses and not chosen["stokes"]:
             wrong.lines.append(
                 f"{place}: {own.path.name} uses waves, and the case has none: add [[stokes]], their Stokes drift"
@@ -205,7 +214,7 @@ def _scenario(
         table.name,
         weight,
         drifter,
-        table.jibe_rate(drifter),
+        table.jibe_rate(drifter, *(one.object for one in changes if one.object is not None)),
         prior,
         chosen,
         search_object=table.search_object
@@ -215,7 +224,25 @@ def _scenario(
         survival=alive,
         itinerary=itinerary,
         source_level=table.source_level,
+        changes=changes,
     )
+
+
+def _check_winds_of_changes(
+    place: str, changes: tuple[Change, ...], named: Mapping[str, tuple[str, ...]]
+) -> None:
+    """Reject a change that needs the wind, where there is none."""
+    for one in changes:
+        needs = "comes by the wind"
+        if one.wind is None and one.object is not None and one.object.uses_wind:
+            needs = f'leads to "{one.object.name}", which drifts with the wind'
+        elif one.wind is None:
+            continue
+        if not named["wind"]:
+            raise UserError(
+                f'{place}.change "{one.name}" {needs} and there is none: add [[wind]] with files, '
+                'or constant = { speed = "12 kn", from = 240 }'
+            )
 
 
 def _needs_forcing(model: str) -> bool:

@@ -21,11 +21,12 @@ from kernels.maths import noise, sphere
 from kernels.maths.noise import Purpose
 from kernels.runtime import batch, bundle, launch, rows, runtime
 from kernels.runtime.batch import Batch
-from kernels.step import buoys, curve, errors, guide, integrate, life, shore
+from kernels.step import buoys, change, curve, errors, guide, integrate, life, shore
 from kernels.step.coast import POLEWARD, Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.step.errors import Physics
 from kernels.step.features import (
     BIAS,
+    CHANGES,
     COAST,
     DEBRIS,
     DIFFUSION,
@@ -77,7 +78,7 @@ OWN = ("side", *LEEWAY, *errors.ROWS)
 CoreColumns = ti.types.argpack(**CORE)
 OwnColumns = ti.types.argpack(
     side=Ints,
-    leeway_rows=Reals,  # (6 n,) rows LEEWAY
+    leeway_rows=Reals,  # (6 n,) rows LEEWAY; with changes of state more: kernels.step.change
     error_rows=Reals,  # (7 n,) rows errors.ROWS
     nudge_rows=Reals,  # (4 n,) rows guide.NUDGES
     shared_rows=Reals,  # (6 n,) rows buoys.SHARED
@@ -98,6 +99,9 @@ Terms = ti.types.struct(
     width=ti.u32,
     height=ti.u32,
     keeps=ti.i32,  # whether `bend` is written: see kernels.step.curve
+    changes=ti.i32,  # most changes of state of a scenario, and where in `table` they begin
+    changes_at=ti.i32,
+    by_wind=ti.i32,  # whether any of them comes by the wind
 )
 
 
@@ -503,6 +507,22 @@ def _lead(
     for j in range(width):
         if held.moving[0, j] == 1:
             _keep(features, j, held, own, n)
+            if ti.static(features & CHANGES):
+                winds = f32x4(0.0)
+                if ti.static(features & WIND):
+                    if terms.by_wind == 1:
+                        winds = change.winds_felt(
+                            features,
+                            velocity,
+                            sea,
+                            _drifter(features, held, j, row, 1.0),
+                            held.place[0, j],
+                            held.place[1, j],
+                            held.dt[0, j],
+                            held.begin[0, j],
+                            held.begin[0, j] + held.share[0, j],
+                        )
+                change.change(features, held, j, winds, table, core, own, terms, n)
     scheme = ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT)
     # The loop runs at run time: unrolled it takes three times as long to compile and runs no
     # faster.
@@ -785,6 +805,8 @@ class Surroundings(NamedTuple):
     polar: bool = False  # whether the domain holds a pole
     guided: bool = False  # whether noise is nudged: kernels.step.guide
     shares: bool = False  # whether errors are shared with buoys: kernels.step.buoys
+    # changes of state by scenario of the run, each a row of numbers: kernels.step.change; (): none
+    changes: tuple[tuple[tuple[float, ...], ...], ...] = ()
 
 
 def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) -> int:
@@ -883,6 +905,10 @@ def mover(
     needed = (
         features(ranges, physics, place) | MEMBERS * (tiles.members > 1) | PARAMETERS * parameters
     )
+    table, changing = own.table(physics), change.NO_CHANGE
+    if any(place.changes[number] for number in own.scenarios if place.changes):
+        needed |= CHANGES
+        table, changing = change.with_changes(table, place.changes)
     args = (
         needed,
         velocity,
@@ -893,7 +919,7 @@ def mover(
         own.last,
         own.slots,
         own.shift,
-        own.table(physics),
+        table,
         launch.pack(CoreColumns, *(getattr(ensemble, name) for name in CORE)),
         launch.pack(
             OwnColumns,
@@ -918,6 +944,7 @@ def mover(
             "debris": place.debris,
             **place.domain._asdict(),
             "keeps": int(keeps),
+            **changing,
         },
         runtime.empty(_set_aside(needed, own.last - own.first), ti.i32),
         *(0, 1, 0, 0, 1),

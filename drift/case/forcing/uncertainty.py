@@ -61,7 +61,7 @@ class CurrentErrorTable(fields.Table):
     distribution. Each particle's `std` and `bias` then have a factor of its own, drawn once."""
     length: fields.Width | None = None
     """Distance over which the error is correlated, as exp(-(d / length)^1.5): the reach of a
-    [[drifter]]'s track. Without drifters it has no effect."""
+    [[drifter]]'s track and of a [[report]]. Without them it has no effect."""
 
 
 class WindErrorTable(fields.Table):
@@ -175,6 +175,7 @@ def no_tail_beside(what: str) -> str:
     why = {
         "[spill]": "objects of one world share their errors, and these are normal",
         "[[drifter]]": "errors are conditioned on the drifters' tracks as normal ones",
+        "[[report]]": "errors are conditioned on the reports as normal ones",
     }
     return f'uncertainty.current.tail: {why[what]}; leave tail out, or write tail = "none" ({what})'
 

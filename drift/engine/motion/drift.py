@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from drift.engine.motion import changes
 from drift.engine.motion.forcing_error import Errors, ForcingError
 from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.model import Group, Key, Model, Waters
@@ -66,7 +67,7 @@ def physics(errors: Errors, scenario: Scenario) -> Physics:
     """Return a scenario's physics; an error with zero standard deviation is off."""
     current, wind = (
         errors.current,
-        errors.wind if scenario.object.uses_wind else ForcingError(0.0, 1.0),
+        errors.wind if scenario.uses_wind else ForcingError(0.0, 1.0),
     )
     return Physics(
         current.std,
@@ -82,8 +83,11 @@ def physics(errors: Errors, scenario: Scenario) -> Physics:
 def draw_objects(
     ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors
 ) -> None:
-    """Draw each particle's leeway and its initial errors of current and wind."""
+    """Draw each particle's leeway, its waits for changes of state, and its initial errors of current
+    and wind.
+    """
     draw_leeway(ensemble, slots, key, scenario.object)
+    changes.draw(ensemble, slots, key, scenario.changes)
     draw_errors(ensemble, slots, key, errors)
 
 
@@ -207,6 +211,8 @@ DRIFT: Model = Model(
     between=between,
     still=still,
     longest=longest,
-    usual=lambda scenario, wind: usual(scenario.object, wind),
-    fastest=lambda scenario, wind, spreads: fastest(scenario.object, wind, spreads),
+    usual=lambda scenario, wind: max(usual(one, wind) for one in scenario.objects),
+    fastest=lambda scenario, wind, spreads: max(
+        fastest(one, wind, spreads) for one in scenario.objects
+    ),
 )

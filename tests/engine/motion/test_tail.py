@@ -146,6 +146,7 @@ def test_particles_with_a_tail_are_not_guided_to_finds():
         resampling=SimpleNamespace(fills=False),
         contacts=[contact],
         drifters=(),
+        reports=(),
         current_error=error,
     )
     assert run_setup.guide_of(case, None, None) is None
