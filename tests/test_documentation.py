@@ -27,6 +27,7 @@ from drift.case.search.look import LookTable
 from drift.case.search.pattern import NEEDS, PatternTable, RegionTable
 from drift.case.search.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.search.presence import PresenceTable
+from drift.case.search.report import ReportTable
 from drift.case.search.sensor import ConditionsTable, SensorTable
 from drift.case.search.sortie import MarkerTable, SortieTable, WatchTable
 from drift.case.sonar.processing import ProcessingTable
@@ -63,6 +64,7 @@ HEADINGS: dict[str, type[BaseModel]] = {
     "[[contact]] / bearing": BearingTable,
     "[[contact]] / range": RangeTable,
     "[[drifter]]": DrifterTable,
+    "[[report]]": ReportTable,
     "[[look]]": LookTable,
     "[[presence]]": PresenceTable,
     "[[barrier]]": BarrierTable,

@@ -21,6 +21,7 @@ from drift.case.search import drifter as drifter_table
 from drift.case.search import look as look_table
 from drift.case.search import plan as plan_table
 from drift.case.search import presence as presence_table
+from drift.case.search import report as report_table
 from drift.case.search import sortie as sortie_table
 from drift.case.sonar import sonar as sonar_table
 from drift.case.sonar import tow as tow_table
@@ -28,8 +29,9 @@ from drift.case.values import units
 from drift.case.values.mistakes import Mistakes
 from drift.engine.environment.environment_spec import Coast
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
-from drift.engine.motion.buoys import BuoyTrack
+from drift.engine.motion.buoys import BuoyTrack, PointReport
 from drift.engine.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
+from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter import filling
 from drift.evidence.filter.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
@@ -76,10 +78,13 @@ def build_case(table: CaseTable, path: Path, text: str) -> Case:
     }
     spill, scenarios = _build_subject(table, forcing, folder, wrong)
     search = _build_search(table, Run(start, end, scenarios, folder), wrong)
+    wrong.lines += _mixed_stokes(scenarios, search.contacts)
     opens = _first_map_time(table, search, wrong)
     outputs = _outputs(table, spill, search, opens, wrong)
     current_error, wind_error = _forcing_errors(table, forcing, scenarios, search.contacts, wrong)
-    drifters = _drifters(table, Run(start, end, scenarios, folder), current_error, wrong)
+    run = Run(start, end, scenarios, folder)
+    drifters = _drifters(table, run, current_error, wrong)
+    reports = _reports(table, run, {"current": current_error, "wind": wind_error}, wrong)
     depth = _depth(table, search.units, folder, wrong)
     coast = _coast(table.coast, folder, wrong)
     resampling = table.resampling.resampling()
@@ -121,6 +126,7 @@ def build_case(table: CaseTable, path: Path, text: str) -> Case:
         sensors=search.sensors,
         named_sensors=search.named,
         drifters=drifters,
+        reports=reports,
         units=search.units,
         plan=search.plan,
         resampling=resampling,
@@ -168,16 +174,51 @@ def _forcing_errors(
             forcing["current"], [s.sources["current"] for s in scenarios]
         )
         current = uncertainty.error(stated.current, uncertainty.CURRENT, reason, "current")
+        normal = {"[spill]": table.spill, "[[drifter]]": table.drifter, "[[report]]": table.report}
+        if current.tailed and (needs := [key for key, given in normal.items() if given]):
+            raise UserError(uncertainty.no_tail_beside(needs[0]))
         if table.spill:
             current = uncertainty.with_spill_bias(current, stated.current, table.spill.current_bias)
         reason = uncertainty.why_no_default(forcing["wind"], [s.sources["wind"] for s in scenarios])
-        drifters = [s.object for s in scenarios] + [
-            c.drifter for c in contacts if c.drifter is not None
-        ]
-        if not any(drifter.uses_wind for drifter in drifters):
+        debris = [c.drifter for c in contacts if c.drifter is not None]
+        if not any(own.uses_wind for own in scenarios) and not any(
+            drifter.uses_wind for drifter in debris
+        ):
             reason = UNFELT
         wind = uncertainty.error(stated.wind, uncertainty.WIND, reason, "wind")
     return current, wind
+
+
+def _mixed_stokes(scenarios: tuple[Scenario, ...], contacts: tuple[Contact, ...]) -> list[str]:
+    """Return messages about debris, and states of an object, that differ from the object in
+    whether lines include the Stokes drift: they drift in the forcing of the object.
+    """
+    waves = [scenario for scenario in scenarios if scenario.sources.get("stokes")]
+    pairs = [
+        (f'scenario "{scenario.name}".change "{change.name}"', change.object, scenario.object)
+        for scenario in waves
+        for change in scenario.changes
+    ]
+    pairs += [
+        (f'contact "{contact.name}".of', contact.drifter, scenario.object)
+        for contact in contacts
+        for scenario in waves
+    ]
+    different = {
+        place: (own, other)
+        for place, own, other in reversed(pairs)
+        if own is not None and own.stokes != other.stokes
+    }
+    return [
+        f"{place}: the Stokes drift is {_of_stokes(own)}, and {_of_stokes(other)}; both drift in the same waves: "
+        'give leeway.stokes = "added", which adds it to both'
+        for place, (own, other) in reversed(different.items())
+    ]
+
+
+def _of_stokes(drifter: Drifter) -> str:
+    where = "in the lines of" if drifter.stokes == "inside" else "not in the lines of"
+    return f"{where} {drifter.name}"
 
 
 def _drifters(
@@ -202,6 +243,25 @@ def _drifters(
             drifter_table.check_near(buoys, run.scenarios, current.length)
             drifter_table.check_wind(buoys, run.scenarios)
         return buoys
+    return ()
+
+
+def _reports(
+    table: CaseTable, run: Run, errors: Mapping[str, ForcingError], wrong: Mistakes
+) -> tuple[PointReport, ...]:
+    """Return the reports of winds and currents; add mistakes to `wrong`."""
+    if not table.report:
+        return ()
+    if table.direction == "backward":
+        wrong.lines.append(
+            '[[report]]: has no effect in a backward run; leave it out, or direction = "backward"'
+        )
+        return ()
+    with wrong.gathered():
+        reports = report_table.build_reports(table.report, len(table.drifter), run)
+        if run.scenarios:
+            report_table.check_reports(reports, run, errors)
+        return reports
     return ()
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from drift.case.expect import Expect
 from drift.engine.environment.environment_spec import Coast
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
-from drift.engine.motion.buoys import BuoyTrack
+from drift.engine.motion.buoys import BuoyTrack, PointReport
 from drift.engine.motion.forcing_error import Errors, ForcingError
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import Scenario
@@ -76,6 +76,7 @@ class Case:
     named_sensors: Mapping[str, Sensor] = field(default_factory=dict)
     about: Mapping[str, str] = field(default_factory=dict)  # attributes for every output file
     drifters: tuple[BuoyTrack, ...] = ()  # drifting buoys on scene
+    reports: tuple[PointReport, ...] = ()  # winds and currents reported on scene
     tows: tuple[Tow, ...] = ()  # ships that tow arrays, which a plan may place
     processing: Processing | None = None  # beams of arrays that a plan allocates to processors
     depth: Depth | None = None  # bathymetry, for boats

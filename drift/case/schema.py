@@ -13,6 +13,7 @@ from drift.case.about import AboutTable
 from drift.case.expect import Expect
 from drift.case.forcing.sources import SourceTable
 from drift.case.forcing.uncertainty import Uncertainty, UncertaintyTable
+from drift.case.scenario.catalogue import LeewayTable
 from drift.case.scenario.family import FamilyTable, expand_families
 from drift.case.scenario.itinerary import insert_shared_tables
 from drift.case.scenario.scenario import ScenarioTable
@@ -23,6 +24,7 @@ from drift.case.search.drifter import DrifterTable
 from drift.case.search.look import LookTable
 from drift.case.search.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.search.presence import PresenceTable
+from drift.case.search.report import ReportTable
 from drift.case.search.sortie import SortieTable
 from drift.case.sonar.sonar import NamedSensorTable
 from drift.case.sonar.tow import TowTable
@@ -226,6 +228,8 @@ class CaseTable(fields.Table):
     """Sources of the wind."""
     stokes: list[SourceTable] = Field(default_factory=list)
     """Sources of the Stokes drift."""
+    leeway: LeewayTable = LeewayTable()
+    """Leeway classes of your own, and whether leeway lines include the Stokes drift."""
     uncertainty: Uncertainty = UncertaintyTable()
     """Errors of winds and currents; `"none"` sets all to zero."""
     voyage: dict[str, VoyageTable] = Field(default_factory=dict)
@@ -258,6 +262,8 @@ class CaseTable(fields.Table):
     """
     drifter: list[DrifterTable] = Field(default_factory=list)
     """Drifting buoys on scene: their tracks correct the errors of the current near them."""
+    report: list[ReportTable] = Field(default_factory=list)
+    """Winds and currents reported on scene: they correct those of the case near them."""
     look: list[LookTable] = Field(default_factory=list)
     """An observation of a field at one time."""
     presence: list[PresenceTable] = Field(default_factory=list)
@@ -319,7 +325,7 @@ class CaseTable(fields.Table):
             wrong.append("[[find]], [[patrol]] and [[patrol_unit]] belong to a [spill]")
         if self.spill is not None and "particles" in self.model_fields_set:
             wrong.append(
-                "particles: a spill has spill.worlds times spill.per_world of them; give those"
+                "particles: a spill has spill.worlds x spill.per_world particles; set these two instead"
             )
         if self.spill is not None and (given := self._of_a_search()):
             wrong.append(

@@ -21,7 +21,7 @@ from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
 from drift.engine.motion import own_motion
 from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.own_motion import OwnMotion
-from drift.engine.motion.scenario import Scenario
+from drift.engine.motion.scenario import Change, Scenario
 from drift.engine.motion.steering.itinerary import Itinerary, Phase, Spread, Ways
 from drift.spills.worlds.records import Find, Patrol, Spill
 from geo import notation
@@ -49,11 +49,11 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
         )
     if table.coast.source == "none":
         wrong.lines.append(
-            'coast.source: "none": a [spill] is about what comes ashore; give "gshhg" or a shoreline file'
+            'coast.source: "none": a [spill] needs a coast for its objects; give "gshhg" or a shoreline file'
         )
     if table.coast.behaviour == "slide":
         wrong.lines.append(
-            'coast.behaviour: "slide": nothing of a [spill] would come ashore; give "strand" or "refloat"'
+            'coast.behaviour: "slide": no object of a [spill] would come ashore; give "strand" or "refloat"'
         )
     named, file, record = table.spill.stretches.file, None, None
     with wrong.gathered():
@@ -175,6 +175,14 @@ def _scenario(
     drifter = table.drifter(own)
     with wrong.gathered(place):
         prior = table.prior(start)
+    changes: tuple[Change, ...] = ()
+    with wrong.gathered():
+        changes = table.changes(start)
+    if changes and end < start:
+        wrong.lines.append(
+            f"{place}: changes of state need a forward run; give an end after the start, or leave "
+            "change out"
+        )
     with wrong.gathered():
         itinerary = table.itinerary(start, end, folder)
     with wrong.gathered():
@@ -191,9 +199,10 @@ def _scenario(
     if len(chosen) == len(forcing) and adrift and _needs_forcing(table.motion):
         with wrong.gathered():
             _check_sources(place, drifter, chosen, own)
+            _check_winds_of_changes(place, changes, chosen)
         if own is not None and "waves" in own.uses and not chosen["stokes"]:
             wrong.lines.append(
-                f"{place}: {own.path.name} takes waves and there are none: add [[stokes]], their Stokes drift"
+                f"{place}: {own.path.name} uses waves, and the case has none: add [[stokes]], their Stokes drift"
             )
     elif itinerary is not None and itinerary.currents == "felt" and not chosen.get("current", True):
         wrong.lines.append(
@@ -205,7 +214,7 @@ def _scenario(
         table.name,
         weight,
         drifter,
-        table.jibe_rate(drifter),
+        table.jibe_rate(drifter, *(one.object for one in changes if one.object is not None)),
         prior,
         chosen,
         search_object=table.search_object
@@ -215,7 +224,25 @@ def _scenario(
         survival=alive,
         itinerary=itinerary,
         source_level=table.source_level,
+        changes=changes,
     )
+
+
+def _check_winds_of_changes(
+    place: str, changes: tuple[Change, ...], named: Mapping[str, tuple[str, ...]]
+) -> None:
+    """Reject a change that needs the wind, where there is none."""
+    for one in changes:
+        needs = "comes by the wind"
+        if one.wind is None and one.object is not None and one.object.uses_wind:
+            needs = f'leads to "{one.object.name}", which drifts with the wind'
+        elif one.wind is None:
+            continue
+        if not named["wind"]:
+            raise UserError(
+                f'{place}.change "{one.name}" {needs} and there is none: add [[wind]] with files, '
+                'or constant = { speed = "12 kn", from = 240 }'
+            )
 
 
 def _needs_forcing(model: str) -> bool:
@@ -277,7 +304,7 @@ def _check_sources(
     if not named["current"]:
         wrong.lines.append(
             f'{place} has no current: add [[current]] with files, or constant = {{ speed = "0 kn", toward = 0 }} '
-            "to say that there is none"
+            "if there is none"
         )
     if drifter.uses_wind and not named["wind"]:
         needs = (
@@ -305,7 +332,7 @@ def _names_of_sources(
     if wanted and added.issuperset(wanted):
         rest = ", ".join(f'"{name}"' for name in names if name not in added)
         raise UserError(
-            f"{place}: all of these have add = true; name what they are added to as well: {rest}"
+            f"{place}: all of these have add = true; also name the sources to which they are added: {rest}"
         )
     for name in wanted:
         if name in added and wanted.count(name) > 1:

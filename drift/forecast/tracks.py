@@ -48,7 +48,7 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
                 by_time,
                 tracks.status.astype(np.int8),
                 {
-                    "long_name": "what became of the particle",
+                    "long_name": "fate of the particle",
                     "flag_values": codes,
                     "flag_meanings": " ".join(s.name.lower() for s in Status),
                 },
@@ -59,8 +59,8 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
                 {
                     "long_name": "particle's probability",
                     "units": "1",
-                    "comment": "after resampling, tracks are those of the last particles' ancestors: as whole "
-                    "tracks, given all that was seen, they count by the weight at the last time",
+                    "comment": "after resampling, tracks are those of the last particles' ancestors: to use "
+                    "whole tracks, given all evidence, take the weight at the last time",
                 },
             ),
             "scenario": (

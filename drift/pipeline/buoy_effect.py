@@ -1,7 +1,7 @@
-"""How much the drifting buoys of a case changed its forecast: residuals, and areas without them.
+"""How much buoys and reports on scene changed a forecast: residuals, and areas without them.
 
-The areas are those of small forecasts before any search, on common random numbers: with all buoys,
-with none, and without each.
+The areas are those of small forecasts before any search, on common random numbers: with all buoys
+and reports, without any buoy or any report, and without each.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ from drift.pipeline import run_setup
 from drift.products.files.chapter import OutputBundle
 from drift.products.maps.marks import Line, Mark
 from drift.products.report import leaves
-from geo import notation
+from geo import notation, sphere
 from geo.array import Array
 from geo.notation import KNOT, NMI
 
@@ -40,24 +40,66 @@ def summary_of_buoys(case: Case, where: Environment, buoys: Buoys) -> dict[str, 
         buoys: its conditioned errors.
 
     Returns:
-        For summary.json: `buoys`, a table for each; `particles` of the small forecasts; and
-        `area_nmi2` by share at the end, `with` and `without` all buoys. A spill has no areas.
+        For summary.json: `buoys`, a table for each, and `areas_without`.
     """
     shown = [_seen_by(case, buoys, number) for number in range(len(buoys.names))]
     found: dict[str, Any] = {"buoys": shown, "notes": [*_notes(case)]}
+    return found | areas_without(case, where, "drifters", shown)
+
+
+def areas_without(
+    case: Case, where: Environment, key: str, shown: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    """Return areas with and without buoys or reports, and how far these moved the mean position.
+
+    Those without each are added to its table.
+
+    Args:
+        case: of the run.
+        where: its environment.
+        key: "drifters" or "reports".
+        shown: the table of each.
+
+    Returns:
+        `particles` of the small forecasts, `area_nmi2` by share at the end, `with` and `without`
+        all of them, and the shift of the mean by all. A spill has none of it.
+    """
     if case.spill:
-        return found
-    small = min(case.particles, PARTICLES)
-    found["particles"] = small
-    found["area_nmi2"] = {
-        "with": _areas(case, where, case.drifters, small),
-        "without": _areas(case, where, (), small),
-    }
+        return {}
+
+    def forecast_with(left: tuple[Any, ...]) -> tuple[dict[str, float], Array]:
+        changed: dict[str, Any] = {key: left}
+        return _forecast_end(replace(case, **changed), where)
+
+    every = getattr(case, key)
+    (areas, mean), (areas_of_none, mean_of_none) = forecast_with(every), forecast_with(())
+    found: dict[str, Any] = {"particles": min(case.particles, PARTICLES)}
+    found["area_nmi2"] = {"with": areas, "without": areas_of_none}
+    found |= _shift(mean_of_none, mean)
     if 1 < len(shown) <= MOST_LEFT_OUT:
         for number, own in enumerate(shown):
-            rest = case.drifters[:number] + case.drifters[number + 1 :]
-            own["area_nmi2_without_it"] = _areas(case, where, rest, small)
+            own["area_nmi2_without_it"], mean_of_rest = forecast_with(
+                every[:number] + every[number + 1 :]
+            )
+            own |= _shift(mean_of_rest, mean)
     return found
+
+
+def _shift(before: Array, after: Array) -> dict[str, float]:
+    """Return how far, and in which direction, the mean position (lon, lat) [rad] was moved."""
+    if not np.isfinite([before, after]).all():
+        return {}
+    east, north = sphere.offset(*before, *after)
+    toward = float(np.degrees(np.arctan2(east, north)) % 360)
+    return {"shift_nmi": float(np.hypot(east, north) / NMI), "shift_toward_deg": toward}
+
+
+def shift_in_words(own: Mapping[str, Any]) -> str:
+    """Return the shift of the mean position by buoys or reports; own: the table that holds it."""
+    if "shift_nmi" not in own:
+        return ""
+    toward = notation.bearing(round(own["shift_toward_deg"]))
+    return f"{own['shift_nmi']:.1f} nmi toward {toward}"
 
 
 def buoys_bundle(found: Mapping[str, Any], buoys: Sequence[BuoyTrack]) -> OutputBundle:
@@ -76,7 +118,7 @@ def _leaves(found: Mapping[str, Any], buoys: Sequence[BuoyTrack]) -> list[Any]:
             own["displacements"],
             notation.format_dtg(own["last_fix"]),
             f"{own['excess_m_s'] / KNOT:.2f} kn toward {notation.bearing(own['excess_toward_deg'])}",
-            _listed(own.get("area_nmi2_without_it", areas.get("without", {}))),
+            listed_areas(own.get("area_nmi2_without_it", areas.get("without", {}))),
         ]
         for own in found["buoys"]
     ]
@@ -90,7 +132,7 @@ def _leaves(found: Mapping[str, Any], buoys: Sequence[BuoyTrack]) -> list[Any]:
     note = " ".join(
         [
             *(
-                [f"Areas with all buoys, before any search: {_listed(areas['with'])} nmi2."]
+                [f"Areas with all buoys, before any search: {listed_areas(areas['with'])} nmi2."]
                 if areas
                 else []
             ),
@@ -103,7 +145,7 @@ def _leaves(found: Mapping[str, Any], buoys: Sequence[BuoyTrack]) -> list[Any]:
     ]
 
 
-def _listed(areas: Mapping[str, float]) -> str:
+def listed_areas(areas: Mapping[str, float]) -> str:
     """Return areas by share in one line."""
     return ", ".join(f"{share} {area:,.0f}" for share, area in areas.items())
 
@@ -127,26 +169,23 @@ def _mean_excess(case: Case, buoys: Buoys, number: int) -> Array:
     """Return the mean velocity (east, north) [m/s] at a buoy beyond the likeliest forcing, while it
     was seen.
     """
-    own, law = case.drifters[number], buoys.law
-    m = len(buoys.names)
+    own = case.drifters[number]
     likeliest = int(np.argmax(buoys.given.log_likelihood))
-    states = buoys.given.means[:-1, likeliest]  # (steps, states, 2)
     begins = notation.epoch(case.start) + buoys.edges[:-1]
     seen = np.flatnonzero((begins >= own.time[0]) & (begins <= own.time[-1]))
     if not seen.size:
         seen = np.argmin(np.abs(begins - own.time[0]), keepdims=True)
-    total = law.current_std * states[seen, number]
-    if law.biased:
-        total = total + law.bias_std * states[seen, m * (1 + int(buoys.windy)) + number]
-    return np.asarray(total.mean(axis=0))
+    states = buoys.given.means[seen, likeliest]  # (steps, states, 2)
+    return np.asarray(buoys.parts(number, of_wind=False) @ states.mean(axis=0))
 
 
-def _areas(case: Case, where: Environment, drifters: Any, particles: int) -> dict[str, float]:
-    """Return the containment areas [nmi2] at the end of a small forecast, by share."""
+def _forecast_end(case: Case, where: Environment) -> tuple[dict[str, float], Array]:
+    """Return the containment areas [nmi2] at the end of a small forecast, by share, and the mean
+    position (lon, lat) [rad] there.
+    """
     small = replace(
         case,
-        drifters=tuple(drifters),
-        particles=particles,
+        particles=min(case.particles, PARTICLES),
         counts=None,
         sorties=(),
         contacts=(),
@@ -168,10 +207,12 @@ def _areas(case: Case, where: Environment, drifters: Any, particles: int) -> dic
             grid=None,
         )
     areas = forecast.data["containment_area"].values[-1] / NMI**2
-    return {
+    mean = np.radians([forecast.data[f"mean_{axis}"].values[-1] for axis in ("lon", "lat")])
+    by_share = {
         f"{notation.hundredths(share)}%": float(area)
         for share, area in zip(small.areas, areas, strict=True)
     }
+    return by_share, mean
 
 
 def _notes(case: Case) -> list[str]:

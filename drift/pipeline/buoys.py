@@ -1,6 +1,6 @@
-"""Condition a run's errors of current and wind on the tracks of its drifting buoys.
+"""Condition a run's errors of current and wind on its drifting buoys and its reports on scene.
 
-The forcing is sampled where each buoy was, for each scenario and member of an ensemble, and its
+A report is compared with the forcing at its place and time. For buoys the forcing is sampled where each buoy was, for each scenario and member of an ensemble, and its
 displacements between fixes are compared with those by the forcing (drift.engine.motion.buoy_errors).
 Before its first fix a buoy's place is that of the water that carried it there, by the likeliest
 forcing and the error that its own track shows.
@@ -22,6 +22,7 @@ from drift.engine.motion.buoys import Buoys, BuoyTrack
 from drift.engine.motion.clock import Clock
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.scene import Scene
+from drift.pipeline import reports as reported
 from drift.tracking.tracks.records import Track
 from geo import sphere
 from geo.array import Array
@@ -30,9 +31,10 @@ from geo.forcing.quantity import QUANTITIES
 
 
 def law_of(case: Case) -> Law:
-    """Return the prior of the errors that the buoys of a case feel."""
+    """Return the prior of the errors that the buoys and reports of a case show."""
     current, wind = case.current_error, case.wind_error
     windy = any(buoy.windage > 0 for buoy in case.drifters)
+    windy = windy or any(report.quantity == "wind" for report in case.reports)
     return Law(
         current.std,
         current.time,
@@ -45,14 +47,19 @@ def law_of(case: Case) -> Law:
     )
 
 
+def places_of(case: Case) -> int:
+    """Return the number of places at which the errors of a case are known: buoys, and reports."""
+    return len(case.drifters) + len(reported.places_of_reports(case.reports))
+
+
 def states_of(case: Case) -> int:
-    """Return the number of states of the errors at the buoys of a case."""
+    """Return the number of states of the errors at the buoys and reports of a case."""
     law = law_of(case)
-    return on_scene.states(len(case.drifters), law.wind_std > 0, law.biased)
+    return on_scene.states(places_of(case), len(case.drifters), law.wind_std > 0, law.biased)
 
 
 def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | None:
-    """Return the errors at the buoys of a case given their tracks; None without buoys.
+    """Return the errors at the buoys and reports of a case given these; None without any.
 
     Args:
         case: of the run.
@@ -60,52 +67,32 @@ def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | 
         clock: its steps.
 
     Raises:
-        UserError: no displacement of a buoy lies where there is forcing.
+        UserError: a report, or all displacements of a buoy, lie where there is no forcing.
     """
-    if not case.drifters:
+    if not places_of(case):
         return None
     if domain.is_polar(where.box):
+        what = "drifter" if case.drifters else "report"
         raise UserError(
-            f"{case.path.name}: [[drifter]]: the domain reaches a pole, where east at a buoy is not east at the object; "
-            "give a [domain] that ends before it, or leave the drifters out"
+            f"{case.path.name}: [[{what}]]: the domain reaches a pole, where east at a {'buoy' if case.drifters else 'report'} is not east at the "
+            f"object; give a [domain] that ends before it, or leave the {what}s out"
         )
     members, law = max(len(where.members), 1), law_of(case)
     edges, numbers = on_scene.step_edges(clock)
-    tracks = [_track(buoy) for buoy in case.drifters]
-    points = [along_track.quadrature_points(track.time) for track in tracks]
-    with closing(Forcing(list(where.scenarios), case.direction)) as forcing:
-        hypotheses = [(s, member) for s in range(len(where.scenarios)) for member in range(members)]
-        velocities = _model_velocities(case, forcing, hypotheses, tracks, points)
-        fixes = [
-            _fixes(case, buoy, point, velocity)
-            for buoy, point, velocity in zip(case.drifters, points, velocities, strict=True)
-        ]
-        times = clock.start + edges
-        likeliest = int(np.argmin(_mismatch(fixes)))
-        shown = hypotheses[likeliest]
-        places = np.stack(
-            [
-                _places(
-                    case,
-                    forcing,
-                    shown,
-                    buoy,
-                    _error_shown(own, law, times, likeliest),
-                    track,
-                    times,
-                )
-                for buoy, own, track in zip(case.drifters, fixes, tracks, strict=True)
-            ],
-            axis=1,
-        )
+    hypotheses = [(s, member) for s in range(len(where.water)) for member in range(members)]
+    with closing(Forcing(list(where.water), case.direction)) as forcing:
+        fixes, tracked = _track_buoys(case, forcing, law, clock.start + edges, hypotheses)
+        sights = reported.sights_of(case, where, forcing, hypotheses, clock.start)
+    fixed = np.array(reported.places_of_reports(case.reports)).reshape(1, -1, 2)
+    places = np.concatenate([tracked, np.repeat(fixed, edges.size, axis=0)], axis=1)
     windy = law.wind_std > 0
     middles = _middles(places)
     current = _factors(middles, law.current_length)
     wind = _factors(middles, law.wind_length)
-    shifted = [replace(own, time=own.time - clock.start) for own in fixes]
-    given = buoy_errors.condition(law, edges, (current, wind if windy else None), shifted)
+    given = buoy_errors.condition(law, edges, (current, wind if windy else None), fixes, sights)
     return Buoys(
         tuple(buoy.name for buoy in case.drifters),
+        tuple(sights),
         law,
         given,
         places[:-1],
@@ -118,8 +105,32 @@ def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | 
     )
 
 
+def _track_buoys(
+    case: Case, forcing: Forcing, law: Law, times: Array, hypotheses: Sequence[tuple[int, int]]
+) -> tuple[list[Fixes], Array]:
+    """Return the fixes of the buoys, at times after the run's start, and their lon, lat [deg] at
+    times [s since 1970], (times, buoys, 2).
+    """
+    if not case.drifters:
+        return [], np.empty((times.size, 0, 2))
+    tracks = [_track(buoy) for buoy in case.drifters]
+    points = [along_track.quadrature_points(track.time) for track in tracks]
+    velocities = _model_velocities(case, forcing, hypotheses, tracks, points)
+    fixes = [
+        _fixes(case, buoy, point, velocity)
+        for buoy, point, velocity in zip(case.drifters, points, velocities, strict=True)
+    ]
+    likeliest = int(np.argmin(_mismatch(fixes)))
+    shown = hypotheses[likeliest]
+    places = []
+    for buoy, own, track in zip(case.drifters, fixes, tracks, strict=True):
+        error = _error_shown(own, law, times, likeliest)
+        places.append(_places(case, forcing, shown, buoy, error, track, times))
+    return [replace(own, time=own.time - times[0]) for own in fixes], np.stack(places, axis=1)
+
+
 def share_with_buoys(scene: Scene, buoys: Buoys | None) -> Scene:
-    """Return a scene whose particles share the errors at buoys."""
+    """Return a scene whose particles share the errors at buoys and reports."""
     if buoys is None:
         return scene
     return replace(scene, buoys=buoys, place=scene.place._replace(shares=True))

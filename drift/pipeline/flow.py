@@ -19,8 +19,8 @@ from drift.case.record import Case
 from drift.engine.environment import ambient, environment
 from drift.engine.environment.ambient import Flow
 from drift.engine.environment.environment import Environment
-from drift.engine.motion import scene, simulate
-from drift.engine.motion.buoys import BuoyTrack
+from drift.engine.motion import changes, scene, simulate
+from drift.engine.motion.buoys import BuoyTrack, PointReport
 from drift.engine.motion.forcing import Sources
 from drift.engine.motion.spool import SnapshotStore
 from drift.engine.particles import life
@@ -45,7 +45,7 @@ from drift.forecast.by_member import Members
 from drift.forecast.products import chapter as forecast_chapter
 from drift.forecast.products import dataset
 from drift.forecast.tracks import Trajectories
-from drift.pipeline import buoy_effect, run_metadata, run_setup
+from drift.pipeline import buoy_effect, report_effect, run_metadata, run_setup, states
 from drift.pipeline.result import Result
 from drift.pipeline.run_options import (
     Job,
@@ -356,9 +356,13 @@ def build_result(job: Job, run: FinishedRun) -> Result:
     member_told = _results_by_member(setup.spec.members, run)
     if member_told is not None:
         summary |= {"members": by_member.summary_of_members(member_told)}
-    if setup.scene.buoys is not None:
+    buoys = setup.scene.buoys
+    if buoys is not None and case.drifters:
         with job.clock.phase("drifters"):
-            summary["drifters"] = buoy_effect.summary_of_buoys(case, where, setup.scene.buoys)
+            summary["drifters"] = buoy_effect.summary_of_buoys(case, where, buoys)
+    if buoys is not None and case.reports:
+        with job.clock.phase("reports"):
+            summary["reports"] = report_effect.summary_of_reports(case, where, buoys)
     off_map = off_grid.fixed_grid_warnings(forecast.data)
     summary["warnings"] = particles_left.few_particles_warnings(
         forecast.data, case.particles, updates, case.contacts
@@ -373,8 +377,13 @@ def build_result(job: Job, run: FinishedRun) -> Result:
             *([] if few else summary["warnings"]),
         ]
     summary["warnings"] += environment.warnings(where)
+    summary["warnings"] += run_metadata.object_warnings(case)
+    if "reports" in summary:
+        summary["warnings"] += summary["reports"].pop("warnings")
     if updates is not None:
         summary |= {"search": search_tables.summary_of_search(updates)}
+    if changes.any_changes(case.scenarios):
+        summary["states"] = states.summary_of_states(snapshots, case.scenarios)
     if posteriors is not None:
         summary |= posterior_tables.summary(posteriors)
     on = run_metadata.with_coast(
@@ -389,6 +398,7 @@ def build_result(job: Job, run: FinishedRun) -> Result:
         partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors),
         partial(_overlay_flows, flows),
         *([partial(_overlay_buoys, case.drifters)] if case.drifters else []),
+        *([partial(_overlay_reports, case.reports)] if case.reports else []),
     )
     return Result(
         case,
@@ -435,6 +445,13 @@ def _overlay_buoys(buoys: Sequence[BuoyTrack], time: Any) -> Any:
     from drift.engine.environment import layers
 
     return layers.buoy_tracks(buoys, time)
+
+
+def _overlay_reports(reports: Sequence[PointReport], time: Any) -> Any:
+    """Return the map overlay of winds and currents reported on scene."""
+    from drift.engine.environment import layers
+
+    return layers.reports_on_scene(reports, time)
 
 
 def _initial_status(case: Case, ensemble: Ensemble) -> SearchStatus | None:
@@ -545,6 +562,8 @@ def _write(
     chapters.append(OutputBundle(leaves=(partial(_environment_items, result, on),)))
     if "drifters" in result.summary:
         chapters.append(buoy_effect.buoys_bundle(result.summary["drifters"], case.drifters))
+    if "reports" in result.summary:
+        chapters.append(report_effect.reports_bundle(result.summary["reports"], case.reports))
     if after is not None:
         chapters.append(spill_chapter.spill_bundle(spill_chapter.SpillOutputs(after, on)))
     if updates is not None:
@@ -664,7 +683,7 @@ def origin(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[JobOptions],
 ) -> backward.Origin:
-    """Run a spill backward from its finds to where and when it may have been released.
+    """Run a spill backward from its finds, to the probable place and time of its release.
 
     The result is a rough backtrack: confirm it with a forward run weighted by the finds.
 
@@ -702,7 +721,10 @@ def origin(
         matter = backtrack_chapter.OriginOutputs(
             release, case.spill.finds, run_metadata.map_setting(case, where)
         )
-        run = OutputBundle(facts=run_metadata.file_attributes(case, where))
+        run = OutputBundle(
+            facts=run_metadata.file_attributes(case, where),
+            warnings=tuple(run_metadata.object_warnings(case)),
+        )
         end = OutputBundle(
             {"wall_time_s": job.clock.seconds},
             leaves=(lambda: [run_metadata.case_text_item(case)],),

@@ -18,7 +18,7 @@ from drift.engine.environment.environment import Common, Environment
 from drift.engine.environment.environment_spec import Coast, EnvironmentSpec
 from drift.engine.environment.silence import AtEnd
 from drift.engine.motion import buoys as on_scene
-from drift.engine.motion import models, prior, step_size
+from drift.engine.motion import changes, models, prior, step_size
 from drift.engine.motion.buoys import Buoys
 from drift.engine.motion.clock import Clock
 from drift.engine.motion.ensemble_spec import EnsembleSpec, Release
@@ -101,7 +101,7 @@ def ensemble_spec(case: Case) -> EnsembleSpec:
         debris=tuple(contact.drifter for contact in case.contacts if contact.drifter is not None),
         release=Release(case.spill.release_std, case.spill.windage_bias) if case.spill else None,
         counts=case.counts,
-        buoys=(len(case.drifters), buoy_errors_at.states_of(case)),
+        buoys=(buoy_errors_at.places_of(case), buoy_errors_at.states_of(case)),
     )
 
 
@@ -199,13 +199,14 @@ def guide_of(case: Case, where: Environment, setup: Setup) -> Guide | None:
     """Fit the guide of particles toward finds of debris; None if the case has none that guide."""
     if case.spill or case.resampling.fills or not any(contact.drifter for contact in case.contacts):
         return None
-    if case.drifters:  # the proposal knows nothing of the errors that buoys share
+    # The proposal knows nothing of the errors that buoys and reports share, nor of scales.
+    if buoy_errors_at.places_of(case) or case.current_error.tailed:
         return None
     return pilot.fit(lead_of(case, where, setup), case.contacts)
 
 
 def buoys_of(case: Case, where: Environment, clock: Clock) -> Buoys | None:
-    """Return the errors at the drifting buoys of a case, given their tracks; None without buoys."""
+    """Return the errors at the buoys and reports of a case, given these; None without any."""
     return buoy_errors_at.condition_on_buoys(case, where, clock)
 
 
@@ -236,9 +237,9 @@ def weigh_worlds_by_buoys(buoys: Buoys | None, worlds: Worlds) -> Worlds:
 
 def with_buoy_columns(case: Case, ensemble: Ensemble) -> Ensemble:
     """Return an ensemble with the columns in which it shares the errors at buoys, if any."""
-    if not case.drifters:
+    if not (places := buoy_errors_at.places_of(case)):
         return ensemble
-    columns = on_scene.columns(len(case.drifters), buoy_errors_at.states_of(case))
+    columns = on_scene.columns(places, buoy_errors_at.states_of(case))
     return replace(ensemble, own={**ensemble.own, **record.filled(columns, ensemble.n)})
 
 
@@ -264,10 +265,10 @@ def extra_bytes_per_particle(case: Case) -> int:
 
 
 def _of_buoys(case: Case) -> int:
-    """Return the bytes per particle of the errors at drifting buoys, twice at the peak."""
-    if not case.drifters:
+    """Return the bytes per particle of the errors at buoys and reports, twice at the peak."""
+    if not (places := buoy_errors_at.places_of(case)):
         return 0
-    return 8 * (2 * buoy_errors_at.states_of(case) + 2 * len(case.drifters) + 6)
+    return 8 * (2 * buoy_errors_at.states_of(case) + 2 * places + 6)
 
 
 def _listening(case: Case) -> int:
@@ -323,8 +324,8 @@ def check_array_size(card: int | None, case: Case, particles: int, what: str, re
     rows = (
         advance.ASIDE if card is not None and case.coast.source != "none" else len(advance.LEEWAY)
     )
-    if case.drifters:
-        rows = max(rows, 2 * (buoy_errors_at.states_of(case) + len(case.drifters)))
+    if places := buoy_errors_at.places_of(case):
+        rows = max(rows, 2 * (buoy_errors_at.states_of(case) + places))
     # Taichi cannot allocate an array of 2^31 numbers, and int32 cannot index it
     most = (2**31 - 2) // rows
     if particles > most:
@@ -379,6 +380,8 @@ def build_setup(
 def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | None) -> Scene:
     """Return the scene of a case's run; close its forcing after it. shore: the coast on the device."""
     sinks = case.spill is not None and any(kind.sinking for kind in case.spill.kinds)
+    sinks |= any(one.sinks for scenario in case.scenarios for one in scenario.changes)
+    changing = changes.any_changes(case.scenarios)
     beach, bias = _beach(case.coast), case.current_error.bias > 0
     place = advance.Surroundings(
         domain.binary(where.box),
@@ -388,6 +391,7 @@ def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | N
         sinks,
         scheme=case.scheme,
         polar=domain.is_polar(where.box),
+        changes=tuple(changes.rows(s.changes) for s in case.scenarios) if changing else (),
     )
     steering = models.steering(case.scenarios, case.period, case.errors)
     forcing = Forcing(list(where.scenarios), case.direction)

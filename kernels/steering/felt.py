@@ -64,8 +64,9 @@ def _feel(
                 w = noise.noise_words(
                     seed0, seed1, noise.STREAM_FELT, i + shift[columns.scenario[i]], step
                 )
+                own_std = std * error_rows[errors.CURRENT_SCALE * n + i]
                 new = errors.transition(
-                    old, std, errors.kept(memory, dt), noise.normals(w[0], w[1])
+                    old, own_std, errors.kept(memory, dt), noise.normals(w[0], w[1])
                 )
                 error_rows[east_at], error_rows[east_at + n] = new[0], new[1]
                 error, since = 0.5 * (old + new), since + 0.5 * dt

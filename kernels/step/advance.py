@@ -21,11 +21,12 @@ from kernels.maths import noise, sphere
 from kernels.maths.noise import Purpose
 from kernels.runtime import batch, bundle, launch, rows, runtime
 from kernels.runtime.batch import Batch
-from kernels.step import buoys, curve, errors, guide, integrate, life, shore
+from kernels.step import buoys, change, curve, errors, guide, integrate, life, shore
 from kernels.step.coast import POLEWARD, Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.step.errors import Physics
 from kernels.step.features import (
     BIAS,
+    CHANGES,
     COAST,
     DEBRIS,
     DIFFUSION,
@@ -44,6 +45,7 @@ from kernels.step.features import (
     SHARED,
     SINK,
     SLIDE,
+    TAIL,
     WIND,
 )
 from kernels.step.life import ASHORE, SUNK
@@ -76,8 +78,8 @@ OWN = ("side", *LEEWAY, *errors.ROWS)
 CoreColumns = ti.types.argpack(**CORE)
 OwnColumns = ti.types.argpack(
     side=Ints,
-    leeway_rows=Reals,  # (6 n,) rows LEEWAY
-    error_rows=Reals,  # (6 n,) rows errors.ROWS
+    leeway_rows=Reals,  # (6 n,) rows LEEWAY; with changes of state more: kernels.step.change
+    error_rows=Reals,  # (7 n,) rows errors.ROWS
     nudge_rows=Reals,  # (4 n,) rows guide.NUDGES
     shared_rows=Reals,  # (6 n,) rows buoys.SHARED
     member_of=Ints,
@@ -97,6 +99,9 @@ Terms = ti.types.struct(
     width=ti.u32,
     height=ti.u32,
     keeps=ti.i32,  # whether `bend` is written: see kernels.step.curve
+    changes=ti.i32,  # most changes of state of a scenario, and where in `table` they begin
+    changes_at=ti.i32,
+    by_wind=ti.i32,  # whether any of them comes by the wind
 )
 
 
@@ -118,6 +123,7 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
         "nudge": 4 * bool(wanders and features & GUIDED),  # added to the normals of the errors
         "shared": 6 * bool(wanders and features & SHARED),  # see kernels.step.buoys
         "bias": 2,
+        "scale": bool(wanders and features & TAIL),
         "error": 4,
         "log": 3,
         "keep": 2,
@@ -191,6 +197,8 @@ def _muster(
             error = ti.Vector([own.error_rows[k * n + i] for k in ti.static(range(many))])
             for k in ti.static(range(many)):
                 held.errors[k, j] = error[k]
+            if ti.static(features & TAIL):
+                held.scale[0, j] = own.error_rows[errors.CURRENT_SCALE * n + i]
             if ti.static(features & GUIDED):
                 nudge = ti.Vector([own.nudge_rows[k * n + i] for k in ti.static(range(4))])
                 for k in ti.static(range(4)):
@@ -499,6 +507,22 @@ def _lead(
     for j in range(width):
         if held.moving[0, j] == 1:
             _keep(features, j, held, own, n)
+            if ti.static(features & CHANGES):
+                winds = f32x4(0.0)
+                if ti.static(features & WIND):
+                    if terms.by_wind == 1:
+                        winds = change.winds_felt(
+                            features,
+                            velocity,
+                            sea,
+                            _drifter(features, held, j, row, 1.0),
+                            held.place[0, j],
+                            held.place[1, j],
+                            held.dt[0, j],
+                            held.begin[0, j],
+                            held.begin[0, j] + held.share[0, j],
+                        )
+                change.change(features, held, j, winds, table, core, own, terms, n)
     scheme = ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT)
     # The loop runs at run time: unrolled it takes three times as long to compile and runs no
     # faster.
@@ -781,6 +805,8 @@ class Surroundings(NamedTuple):
     polar: bool = False  # whether the domain holds a pole
     guided: bool = False  # whether noise is nudged: kernels.step.guide
     shares: bool = False  # whether errors are shared with buoys: kernels.step.buoys
+    # changes of state by scenario of the run, each a row of numbers: kernels.step.change; (): none
+    changes: tuple[tuple[tuple[float, ...], ...], ...] = ()
 
 
 def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) -> int:
@@ -809,6 +835,7 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
         | POLAR * place.polar
         | GUIDED * place.guided
         | SHARED * place.shares
+        | TAIL * any(own.tailed > 0 for own in physics)
         | LAYERS * any(last - first > 1 for first, last in ranges.values())
     )
 
@@ -878,6 +905,10 @@ def mover(
     needed = (
         features(ranges, physics, place) | MEMBERS * (tiles.members > 1) | PARAMETERS * parameters
     )
+    table, changing = own.table(physics), change.NO_CHANGE
+    if any(place.changes[number] for number in own.scenarios if place.changes):
+        needed |= CHANGES
+        table, changing = change.with_changes(table, place.changes)
     args = (
         needed,
         velocity,
@@ -888,7 +919,7 @@ def mover(
         own.last,
         own.slots,
         own.shift,
-        own.table(physics),
+        table,
         launch.pack(CoreColumns, *(getattr(ensemble, name) for name in CORE)),
         launch.pack(
             OwnColumns,
@@ -913,6 +944,7 @@ def mover(
             "debris": place.debris,
             **place.domain._asdict(),
             "keeps": int(keeps),
+            **changing,
         },
         runtime.empty(_set_aside(needed, own.last - own.first), ti.i32),
         *(0, 1, 0, 0, 1),

@@ -13,7 +13,7 @@ from typing import Any
 import taichi as ti
 
 from kernels.maths import noise, sphere
-from kernels.runtime import rows, runtime
+from kernels.runtime import bundle, rows, runtime
 from kernels.step import life
 from kernels.step.coast import Ints, Reals
 
@@ -23,10 +23,41 @@ SHARED = (
     *("shared_current_east", "shared_current_north", "shared_wind_east", "shared_wind_north"),
     *("own_share_current", "own_share_wind"),
 )
-CURRENT, WIND, OWN_CURRENT, OWN_WIND = 0, 2, 4, 5
+OWN_CURRENT = 4  # row of the current's factor; the wind's is the next
 BIAS = 4  # row of the bias in kernels.step.errors.ROWS
 
 
+# The arguments of the kernel in groups. Columns of particles:
+Particles = ti.types.argpack(
+    scenario=Ints,
+    world=Ints,
+    member=Ints,  # of the forcing ensemble; (1,) without one
+    status=Ints,
+    release=Ints,  # when each begins to drift [s]
+    lon=Ints,  # position at the begin of the step [binary angle]
+    lat=Ints,
+    # rows kernels.step.errors.ROWS, updated where a particle begins to drift
+    error_rows=Reals,
+    # updated: deviations, rows (state, component), then the distances from the buoys at the begin
+    # of the step before [m], (2 states + buoys) rows
+    buoy_rows=Reals,
+    shared_rows=Reals,  # written: rows SHARED
+)
+# Tables by step, flat. Row 0 holds the first draw, before the first step.
+Tables = ti.types.argpack(
+    moves=Reals,  # transition of the deviations, (steps + 1, states, states)
+    kicks=Reals,  # lower triangular root of the covariance of what is added, as `moves`
+    # number of the normals of each state, -1 where its column of `kicks` is 0, (steps + 1, states)
+    order=Ints,
+    # mean of the states at begin and end of a step, by scenario and member,
+    # (steps + 1, scenarios members, 2, states, 2)
+    means=Reals,
+    # inverses of the Cholesky factors of the correlations between buoys in the middle of a step, of
+    # the current's and of the wind's errors, (steps + 1, 2, buoys, buoys)
+    mixes=Reals,
+    # lon, lat of each buoy at the begin of a step [binary angle], (steps + 1, buoys, 2)
+    places=Ints,
+)
 Numbers = ti.types.struct(
     buoys=ti.i32,
     # states of each component: processes of the current, the wind and the bias, then displacements
@@ -47,161 +78,177 @@ Numbers = ti.types.struct(
 )
 
 
-@ti.func
-def _normal(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, key: ti.i32, step: ti.i32, j: ti.i32):
-    """Return two standard normals (east, north) for state j."""
-    w = noise.further(seed0, seed1, stream, key, step, 1 + (j >> 1))
-    a, b = w[0], w[1]
-    if j & 1 == 1:
-        a, b = w[2], w[3]
-    return noise.normals(a, b)
+def _registers(buoys: int, states: int) -> Any:
+    """Return the structure of what a bundle of particles holds in a step, for that many buoys and
+    states of each component.
+    """
+    reals = {
+        "z": 2 * states,  # deviations at the step's end, rows (state, component)
+        "old": 2 * states,  # and at its begin
+        "log": 1,
+        "normal": 2,
+        "apart": buoys,  # distances in the middle of the step [m]
+        "near": buoys,  # correlation of a particle's error with that of each buoy
+        "weight": buoys,  # of the buoys' standard processes in a particle's error
+        "own": 1,  # factor of what is independent of the buoys
+        "shared": 2,
+        "first": 2,
+    }
+    return bundle.held(reals=reals, ints={"key": 1, "mean": 1, "begins": 1}, words={"word": 4})
 
 
 @ti.func
 def _move(
-    z: ti.template(),
-    old: ti.template(),
-    n: ti.i32,
-    i: ti.i32,
+    width: ti.template(),
+    held: ti.template(),
     states: ti.i32,
-    moves: ti.template(),
-    kicks: ti.template(),
+    tables: ti.template(),
     row: ti.i32,
     seed0: ti.u32,
     seed1: ti.u32,
     stream: ti.i32,
-    key: ti.i32,
     step: ti.i32,
 ):
-    """Write z = moves z + kicks normals of particle i, in rows (state, component) of n columns.
-
-    old: scratch that holds z before. moves, kicks: (rows, states, states), flat.
-    """
+    """Advance the deviations of a bundle: z = moves old + kicks normals, where old is z before."""
     for k in range(2 * states):
-        old[k * n + i] = z[k * n + i]
-        z[k * n + i] = 0.0
-    for j in range(states):
-        normal = _normal(seed0, seed1, stream, key, step, j)
-        east, north = old[2 * j * n + i], old[(2 * j + 1) * n + i]
+        for j in range(width):
+            held.old[k, j] = held.z[k, j]
+            held.z[k, j] = 0.0
+    for source in range(states):
         for k in range(states):
-            at = (row * states + k) * states + j
-            z[2 * k * n + i] += moves[at] * east + kicks[at] * normal[0]
-            z[(2 * k + 1) * n + i] += moves[at] * north + kicks[at] * normal[1]
+            move = tables.moves[(row * states + k) * states + source]
+            for j in range(width):
+                held.z[2 * k, j] += move * held.old[2 * source, j]
+                held.z[2 * k + 1, j] += move * held.old[2 * source + 1, j]
+        number = tables.order[row * states + source]
+        if number >= 0:
+            if number & 1 == 0:  # four words are two pairs of normals
+                for j in range(width):
+                    w = noise.philox(
+                        ti.cast(held.key[0, j], ti.u32),
+                        ti.cast(step, ti.u32),
+                        ti.cast(stream, ti.u32),
+                        ti.cast(1 + (number >> 1), ti.u32),
+                        seed0,
+                        seed1,
+                    )
+                    for m in ti.static(range(4)):
+                        held.word[m, j] = w[m]
+            first = 2 * (number & 1)
+            for j in range(width):
+                held.log[0, j] = ti.log(noise.uniform(held.word[first, j]))
+            for j in range(width):
+                pair = noise.turned(held.log[0, j], held.word[first + 1, j])
+                held.normal[0, j], held.normal[1, j] = pair[0], pair[1]
+            for k in range(source, states):
+                kick = tables.kicks[(row * states + k) * states + source]
+                for j in range(width):
+                    held.z[2 * k, j] += kick * held.normal[0, j]
+                    held.z[2 * k + 1, j] += kick * held.normal[1, j]
 
 
 @ti.func
-def _alpha(
-    mixes: ti.template(), near: ti.template(), first: ti.i32, n: ti.i32, i: ti.i32, buoys: ti.i32,
-    at: ti.i32, j: ti.i32,
-):  # fmt: skip
-    """Return the weight of process j in a particle's error: row j of the inverse of the buoys'
-    Cholesky factor times the correlations with the buoys, which stand in `near` from row `first`.
-    """
-    total = ti.f32(0.0)
-    for b in range(j + 1):
-        total += mixes[(at * buoys + j) * buoys + b] * near[(first + b) * n + i]
-    return total
-
-
-@ti.func
-def _correlate(
-    scratch: ti.template(), first: ti.i32, n: ti.i32, i: ti.i32, buoys: ti.i32, length: ti.f32
+def _weigh(
+    width: ti.template(),
+    held: ti.template(),
+    buoys: ti.i32,
+    length: ti.f32,
+    tables: ti.template(),
+    at: ti.i32,
 ):
-    """Write the correlation of a particle's error with that of each buoy behind the distances, which
-    stand in rows `first` to `first` + buoys - 1 of the scratch.
+    """Write `weight`: the inverse of the buoys' Cholesky factor, row `at` of the tables, times the
+    correlations with the buoys; and `own`.
     """
     for b in range(buoys):
-        share = scratch[(first + b) * n + i] / length
-        # drift.engine.motion.buoy_errors.POWER
-        scratch[(first + buoys + b) * n + i] = ti.exp(-share * ti.sqrt(share))
+        for j in range(width):
+            share = held.apart[b, j] / length
+            # drift.engine.motion.buoy_errors.POWER
+            held.near[b, j] = ti.exp(-share * ti.sqrt(share))
+    for j in range(width):
+        held.own[0, j] = 1.0
+    for k in range(buoys):
+        for j in range(width):
+            held.weight[k, j] = 0.0
+        for b in range(k + 1):
+            mix = tables.mixes[(at * buoys + k) * buoys + b]
+            for j in range(width):
+                held.weight[k, j] += mix * held.near[b, j]
+        for j in range(width):
+            held.own[0, j] -= held.weight[k, j] * held.weight[k, j]
+    for j in range(width):
+        held.own[0, j] = ti.sqrt(ti.max(held.own[0, j], 0.0))
 
 
 @ti.func
-def _measure(
-    z: ti.template(), scratch: ti.template(), first: ti.i32, n: ti.i32, i: ti.i32, lon: ti.i32,
-    lat: ti.i32, buoys: ti.i32, places: ti.template(), row: ti.i32, ahead: ti.f32,
-):  # fmt: skip
-    """Write a particle's distance from each buoy in the middle of the step into the scratch.
+def _innovate(
+    width: ti.template(),
+    held: ti.template(),
+    numbers: Numbers,
+    state: ti.i32,
+    keep: ti.f32,
+    tables: ti.template(),
+    at: ti.i32,
+):
+    """Write `shared`: what a bundle shares of the innovations of one quantity's errors.
 
-    It is extrapolated from the distances at the begins of this step and of the one before, which
-    stand in rows `first` on of z; the error is of second order in the step.
+    state: the first of the quantity's; keep: its autocorrelation over the step.
     """
-    for b in range(buoys):
-        at = 2 * (row * buoys + b)
-        apart = sphere.offset_near(lon, lat, places[at], places[at + 1]).norm()
-        last = z[(first + b) * n + i]
-        scratch[(first + b) * n + i] = ti.max(apart + ahead * (apart - last), 0.0)
-        z[(first + b) * n + i] = apart
-
-
-@ti.func
-def _share(
-    own: ti.template(), shared: ti.template(), z: ti.template(), scratch: ti.template(),
-    means: ti.template(), mean_at: ti.i32, mixes: ti.template(), at: ti.i32, n: ti.i32, i: ti.i32,
-    numbers: Numbers, state: ti.i32, keep: ti.f32, row: ti.i32, share_row: ti.i32, begins: ti.i32,
-    std: ti.f32, bias_state: ti.i32,
-):  # fmt: skip
-    """Write what particle i shares of the innovations of one quantity's errors.
-
-    state: the first state of the quantity; row: its east component in `own` and `shared`; begins:
-    1 where the particle begins to drift, so that its first error, and with bias_state >= 0 its
-    bias, are correlated with the buoys' too.
-    """
-    buoys, apart = numbers.buoys, 2 * numbers.states
-    east, north, used = ti.f32(0.0), ti.f32(0.0), ti.f32(0.0)
-    first, bias = ti.Vector([ti.f32(0.0), ti.f32(0.0)]), ti.Vector([ti.f32(0.0), ti.f32(0.0)])
     scale = 1.0 / ti.sqrt(1.0 - keep * keep)
-    end_at = mean_at + 2 * numbers.states  # of the means at the step's end
-    for j in range(buoys):
-        a = _alpha(mixes, scratch, apart + buoys, n, i, buoys, at, j)
-        used += a * a
-        for b in range(j + 1):
-            weight = a * mixes[(at * buoys + j) * buoys + b]
+    end = 2 * numbers.states  # from a mean at the step's begin to that at its end
+    for j in range(width):
+        held.shared[0, j], held.shared[1, j] = 0.0, 0.0
+    for k in range(numbers.buoys):
+        for b in range(k + 1):
+            mix = scale * tables.mixes[(at * numbers.buoys + k) * numbers.buoys + b]
             for c in ti.static(range(2)):
-                k = 2 * (state + b) + c
-                before = means[mean_at + k] + scratch[k * n + i]
-                after = means[end_at + k] + z[k * n + i]
-                kick = weight * scale * (after - keep * before)
-                if ti.static(c == 0):
-                    east += kick
-                else:
-                    north += kick
-                first[c] += weight * before
-                if bias_state >= 0:
-                    v = 2 * (bias_state + b) + c
-                    bias[c] += weight * (means[mean_at + v] + scratch[v * n + i])
-    left = ti.sqrt(ti.max(1.0 - used, 0.0))
-    shared[row * n + i], shared[(row + 1) * n + i] = east, north
-    shared[share_row * n + i] = left
-    if begins == 1:
-        for c in ti.static(range(2)):
-            own[(row + c) * n + i] = std * first[c] + left * own[(row + c) * n + i]
-            if bias_state >= 0:
-                at_bias = (BIAS + c) * n + i
-                own[at_bias] = numbers.bias_std * bias[c] + left * own[at_bias]
+                of = 2 * (state + b) + c
+                for j in range(width):
+                    mean = held.mean[0, j] + of
+                    before = tables.means[mean] + held.old[of, j]
+                    after = tables.means[mean + end] + held.z[of, j]
+                    held.shared[c, j] += mix * held.weight[k, j] * (after - keep * before)
+
+
+@ti.func
+def _begin(
+    held: ti.template(),
+    j: ti.i32,
+    numbers: Numbers,
+    state: ti.i32,
+    std: ti.f32,
+    tables: ti.template(),
+    at: ti.i32,
+    particles: ti.template(),
+    place: ti.i32,
+    n: ti.i32,
+):
+    """Correlate a first error of particle j of a bundle, which begins to drift, with the buoys'.
+
+    state: the first of the error's; place: of its east component in its columns of errors, n
+    each.
+    """
+    held.first[0, j], held.first[1, j] = 0.0, 0.0
+    for k in range(numbers.buoys):
+        for b in range(k + 1):
+            mix = tables.mixes[(at * numbers.buoys + k) * numbers.buoys + b]
+            for c in ti.static(range(2)):
+                of = 2 * (state + b) + c
+                value = tables.means[held.mean[0, j] + of] + held.old[of, j]
+                held.first[c, j] += mix * held.weight[k, j] * value
+    for c in ti.static(range(2)):
+        there = place + c * n
+        old = particles.error_rows[there]
+        particles.error_rows[there] = std * held.first[c, j] + held.own[0, j] * old
 
 
 @ti.kernel
-def share_errors(
-    first: ti.i32,
-    last: ti.i32,
+def _share_errors(
+    width: ti.template(),
+    held_of: ti.template(),
+    count: ti.i32,
     shift: Ints,
-    scenario: Ints,
-    world: Ints,
-    member: Ints,
-    status: Ints,
-    release: Ints,
-    lon: Ints,
-    lat: Ints,
-    own: Reals,
-    z: Reals,
-    scratch: Reals,
-    shared: Reals,
-    moves: Reals,
-    kicks: Reals,
-    means: Reals,
-    mixes: Reals,
-    places: Ints,
+    particles: Particles,
+    tables: Tables,
     numbers: Numbers,
     row: ti.i32,
     step: ti.i32,
@@ -209,77 +256,96 @@ def share_errors(
     seed0: ti.u32,
     seed1: ti.u32,
 ):
+    for block in range((count + width - 1) // width):
+        begin, many = block * width, ti.min(width, count - block * width)
+        n, states, buoys = particles.lon.shape[0], numbers.states, numbers.buoys
+        held = held_of()
+        for j in range(many):
+            i = begin + j
+            held.key[0, j] = i + shift[particles.scenario[i]]
+            if numbers.worlds == 1:
+                held.key[0, j] = particles.world[i]
+            which = particles.scenario[i] * numbers.members
+            if numbers.members > 1:
+                which += particles.member[i]
+            held.mean[0, j] = (row * shift.shape[0] * numbers.members + which) * 4 * states
+            waits = particles.status[i] == life.PENDING or particles.status[i] == life.UNDER_WAY
+            held.begins[0, j] = ti.cast(waits and particles.release[i] < end, ti.i32)
+        for k in range(2 * states):
+            for j in range(many):
+                held.z[k, j] = particles.buoy_rows[k * n + begin + j]
+        if numbers.begins == 1:
+            first = noise.STREAM_BUOYS_BEGIN
+            _move(width, held, states, tables, 0, seed0, seed1, first, 0)
+        _move(width, held, states, tables, row, seed0, seed1, noise.STREAM_BUOYS, step)
+        for k in range(2 * states):
+            for j in range(many):
+                particles.buoy_rows[k * n + begin + j] = held.z[k, j]
+        # The distance in the middle of the step is extrapolated from those at the begins of this
+        # step and of the one before; the error is of second order in the step.
+        for b in range(buoys):
+            at = 2 * (row * buoys + b)
+            x, y = tables.places[at], tables.places[at + 1]
+            for j in range(many):
+                i = begin + j
+                apart = sphere.offset_near(particles.lon[i], particles.lat[i], x, y).norm()
+                place = (2 * states + b) * n + i
+                last = particles.buoy_rows[place]
+                held.apart[b, j] = ti.max(apart + numbers.ahead * (apart - last), 0.0)
+                particles.buoy_rows[place] = apart
+        for kind in ti.static(range(2)):  # errors of the current, of the wind
+            if kind == 0 or numbers.windy == 1:
+                of, at = ti.static(2 * kind), 2 * row + kind
+                state, length, keep, std = (
+                    (0, numbers.current_length, numbers.current_keep, numbers.current_std)
+                    if ti.static(kind == 0)
+                    else (buoys, numbers.wind_length, numbers.wind_keep, numbers.wind_std)
+                )
+                _weigh(width, held, buoys, length, tables, at)
+                _innovate(width, held, numbers, state, keep, tables, at)
+                for j in range(many):
+                    i = begin + j
+                    particles.shared_rows[of * n + i] = held.shared[0, j]
+                    particles.shared_rows[(of + 1) * n + i] = held.shared[1, j]
+                    particles.shared_rows[(OWN_CURRENT + kind) * n + i] = held.own[0, j]
+                    if held.begins[0, j] == 1:
+                        place = of * n + i
+                        _begin(held, j, numbers, state, std, tables, at, particles, place, n)
+                        if kind == 0 and numbers.biased == 1:
+                            bias, there = (1 + numbers.windy) * buoys, BIAS * n + i
+                            std_bias = numbers.bias_std
+                            _begin(
+                                held, j, numbers, bias, std_bias, tables, at, particles, there, n
+                            )
+
+
+def share_errors(
+    count: int,
+    shift: Any,
+    particles: Any,
+    tables: Any,
+    numbers: Any,
+    row: int,
+    step: int,
+    end: int,
+    key: tuple[int, int],
+) -> None:
     """Advance the deviations of particles over a step, and write their shared innovations.
 
     Args:
-        first: first slot.
-        last: slot after the last one.
+        count: of particles.
         shift: by scenario, from a slot to its number in the whole run, the key of its noise.
-        scenario: of each particle.
-        world: of each particle.
-        member: of the forcing ensemble, of each particle; (1,) without one.
-        status: of each particle.
-        release: when each begins to drift [s].
-        lon: position at the begin of the step [binary angle].
-        lat: position at the begin of the step.
-        own: updated where a particle begins to drift: rows kernels.step.errors.ROWS.
-        z: deviations, rows (state, component), then the distances from the buoys at the begin of the
-            step before [m], flat ((2 states + buoys) n,).
-        scratch: flat ((2 states + 2 buoys) n,).
-        shared: written: rows SHARED.
-        moves: transition of the deviations, (steps, states, states), flat; row 0: the first draw.
-        kicks: root of the covariance of what is added, as `moves`.
-        means: mean of the states at begin and end of a step, by scenario and member,
-            (steps, scenarios members, 2, states, 2), flat.
-        mixes: inverses of the Cholesky factors of the correlations between buoys in the middle of a
-            step, of the current's and of the wind's errors, (steps, 2, buoys, buoys), flat.
-        places: lon, lat of each buoy at the begin of a step [binary angle], (steps, buoys, 2), flat.
-        numbers: sizes and scales.
+        particles: a pack of `Particles`.
+        tables: a pack of `Tables`.
+        numbers: a structure of `Numbers`.
         row: of this step in the tables.
         step: number of the step, a key of the noise.
         end: of the step [s].
-        seed0: first word of the run's key.
-        seed1: second word of it.
+        key: of the run.
     """
-    for i in range(first, last):
-        n = lon.shape[0]
-        states, buoys = numbers.states, numbers.buoys
-        key = i + shift[scenario[i]]
-        if numbers.worlds == 1:
-            key = world[i]
-        if numbers.begins == 1:
-            _move(
-                z, scratch, n, i, states, moves, kicks, 0, seed0, seed1, noise.STREAM_BUOYS_BEGIN,
-                key, 0,
-            )  # fmt: skip
-        # the scratch holds the deviations at the begin of the step
-        _move(
-            z, scratch, n, i, states, moves, kicks, row, seed0, seed1, noise.STREAM_BUOYS, key, step
-        )  # fmt: skip
-        which = scenario[i] * numbers.members
-        if numbers.members > 1:
-            which += member[i]
-        mean_at = (row * (shift.shape[0] * numbers.members) + which) * 2 * states * 2
-        begins = ti.cast(
-            (status[i] == life.PENDING or status[i] == life.UNDER_WAY) and release[i] < end, ti.i32
-        )
-        apart = 2 * states  # row of the first distance
-        _measure(z, scratch, apart, n, i, lon[i], lat[i], buoys, places, row, numbers.ahead)
-        _correlate(scratch, apart, n, i, buoys, numbers.current_length)
-        bias_state = -1
-        if numbers.biased == 1:
-            bias_state = (1 + numbers.windy) * buoys
-        _share(
-            own, shared, z, scratch, means, mean_at, mixes, 2 * row, n, i, numbers, 0,
-            numbers.current_keep, CURRENT, OWN_CURRENT, begins, numbers.current_std, bias_state,
-        )  # fmt: skip
-        shared[WIND * n + i], shared[(WIND + 1) * n + i], shared[OWN_WIND * n + i] = 0.0, 0.0, 1.0
-        if numbers.windy == 1:
-            _correlate(scratch, apart, n, i, buoys, numbers.wind_length)
-            _share(
-                own, shared, z, scratch, means, mean_at, mixes, 2 * row + 1, n, i, numbers, buoys,
-                numbers.wind_keep, WIND, OWN_WIND, begins, numbers.wind_std, -1,
-            )  # fmt: skip
+    held_of = _registers(numbers.buoys, numbers.states)
+    width = bundle.width()
+    _share_errors(width, held_of, count, shift, particles, tables, numbers, row, step, end, *key)
 
 
 def shared_of(columns: Any, shares: bool) -> Any:

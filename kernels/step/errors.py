@@ -6,17 +6,23 @@ import taichi as ti
 
 from kernels.maths import noise, sphere
 from kernels.step import buoys
-from kernels.step.features import BIAS, DEBRIS, DIFFUSION, ERRORS, GUIDED, JIBE, SHARED, WIND
+from kernels.step.coast import Reals
+from kernels.step.features import BIAS, DEBRIS, DIFFUSION, ERRORS, GUIDED, JIBE, SHARED, TAIL, WIND
 
 f32x2 = ti.types.vector(2, ti.f32)
 
 # Columns [m/s] in the rows of one array (kernels.runtime.rows): present errors of current and wind,
-# and the constant bias of the current. The numbers below are the rows of each one's east component.
+# the constant bias of the current, and the scale of both errors of the current. The numbers below are
+# the rows of each one's east component.
 ROWS = (
     *("current_error_east", "current_error_north", "wind_error_east", "wind_error_north"),
-    *("current_bias_east", "current_bias_north"),
+    *("current_bias_east", "current_bias_north", "current_scale"),
 )
-CURRENT_ERROR, WIND_ERROR, CURRENT_BIAS = 0, 2, 4
+CURRENT_ERROR, WIND_ERROR, CURRENT_BIAS, CURRENT_SCALE = 0, 2, 4, 6
+# Scales of a tail beyond this one are drawn again: with 4 degrees of freedom 1 of 8,200, which would
+# hold 1.6 % of the variance.
+LARGEST_SCALE = 8.0
+TRIES = 64  # of a scale; each is taken with a probability of 0.9 at least
 
 
 class Physics(NamedTuple):
@@ -28,6 +34,7 @@ class Physics(NamedTuple):
     wind_time: float = 1.0
     diffusivity: float = 0.0  # [m2/s]
     jibe_rate: float = 0.0  # [1/s]
+    tailed: float = 0.0  # 1: each particle has a scale of its own for the current's errors
 
 
 @ti.func
@@ -49,6 +56,54 @@ def transition(old: f32x2, std: ti.f32, keep: ti.f32, normal: f32x2) -> f32x2:
     """
     kick = std * ti.sqrt(1.0 - keep * keep)
     return keep * old + kick * normal
+
+
+@ti.kernel
+def draw_scales(
+    first: ti.i32,
+    last: ti.i32,
+    number: ti.i32,
+    error_rows: Reals,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    freedom: ti.f32,
+):
+    """Draw the scale of each particle's current errors, and multiply its first error and bias by it.
+
+    The scale is s = sqrt((freedom - 2) / chi2), at most LARGEST_SCALE, with chi2 of `freedom` degrees
+    of freedom, at least 3. A normal error times s is Student's, of the same variance: the error of any
+    time, and every displacement. Chi2 is drawn as in Marsaglia and Tsang 2000,
+    doi:10.1145/358407.358414, figure 1.
+
+    Args:
+        first: first slot.
+        last: slot after the last one.
+        number: number of the first slot in the whole run, the key of the noise.
+        error_rows: rows ROWS, flat; those of the current are updated.
+        seed0: first word of the run's key.
+        seed1: second word of it.
+        freedom: degrees of freedom.
+    """
+    for i in range(first, last):
+        n = error_rows.shape[0] // ti.static(len(ROWS))
+        d = 0.5 * freedom - ti.f32(1.0 / 3.0)
+        scale, taken = ti.f32(1.0), 0
+        for k in range(TRIES):
+            if taken == 0:
+                w = noise.noise_words(seed0, seed1, noise.STREAM_TAIL, number + i - first, k)
+                x = noise.normals(w[0], w[1])[0]
+                v = 1.0 + x / ti.sqrt(9.0 * d)
+                if v > 0.0:
+                    v = v * v * v
+                    half = d * v  # of chi2
+                    trial = ti.sqrt((freedom - 2.0) / (2.0 * half))
+                    bound = 0.5 * x * x + d - half + d * ti.log(v)
+                    if ti.log(noise.uniform(w[2])) < bound and trial <= LARGEST_SCALE:
+                        scale, taken = trial, 1
+        error_rows[CURRENT_SCALE * n + i] = scale
+        for k in ti.static(range(2)):
+            error_rows[(CURRENT_ERROR + k) * n + i] *= scale
+            error_rows[(CURRENT_BIAS + k) * n + i] *= scale
 
 
 @ti.func
@@ -146,7 +201,10 @@ def draw_errors(
                 if ti.static(features & GUIDED):
                     normal += f32x2(held.nudge[2 * k, j], held.nudge[2 * k + 1, j])
                 old = f32x2(held.errors[2 * k, j], held.errors[2 * k + 1, j])
-                new = transition(old, table[at + 2 * k], held.keep[k, j], normal)
+                std = table[at + 2 * k]
+                if ti.static(features & TAIL and k == 0):
+                    std *= held.scale[0, j]
+                new = transition(old, std, held.keep[k, j], normal)
                 for m in ti.static(range(2)):
                     held.errors[2 * k + m, j] = new[m]
                     held.error[2 * k + m, j] = 0.5 * (old[m] + new[m])

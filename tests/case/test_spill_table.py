@@ -292,7 +292,7 @@ def test_what_does_not_go_together(tmp_path: Path) -> None:
         ('coast.source="none"', 'give "gshhg" or a shoreline file'),
         ('coast.behaviour="refloat"', "needs a half_life"),
         ('coast.half_life="6 h"', "needs a half_life"),
-        ("particles=100", "spill.worlds times spill.per_world"),
+        ("particles=100", "spill.worlds x spill.per_world"),
     ):
         key, value = setting.split("=")
         with pytest.raises(UserError, match=word.replace("[", r"\[")):

@@ -1,6 +1,4 @@
-"""Dense Gaussian conditioning on the tracks of buoys, and particles that share their errors, in
-NumPy.
-"""
+"""Dense Gaussian conditioning on the tracks of buoys and on reports, in NumPy."""
 
 import itertools
 from dataclasses import dataclass
@@ -62,15 +60,16 @@ def twice(a: Seen, b: Seen, memory: float) -> float:
 
 def conditioned(
     law: Any, correlations: tuple[Array, Array], windage: Array, error: Array, fixes: Any,
-    times: Array,
+    times: Array, sights: Any = (),
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Return the errors at m buoys given their fixes: mean (times x 3m, hypotheses, 2), covariance,
+    """Return the errors at m places given fixes of buoys and reports: mean (times x 3m, hypotheses, 2), covariance,
     and the log likelihood of each hypothesis.
 
     The 3m values of a time are the standardised errors of the current, those of the wind and the
-    biases at the buoys. correlations: between buoys, (m, m), constant, of current and wind.
+    biases there. correlations: between places, (m, m), constant, of current and wind; the buoys are
+    the first places. sights: what reports show (drift.engine.motion.buoy_errors.Sight).
     """
-    seen, m = displacements(fixes), len(windage)
+    seen, m = displacements(fixes), len(correlations[0])
     current, wind = correlations
     n = len(seen)
     variance = np.zeros((n, n))
@@ -107,9 +106,56 @@ def conditioned(
             prior[:, m + j, :, m + i] = wind[j, i] * np.exp(-lag / law.wind_time)
             prior[:, 2 * m + j, :, 2 * m + i] = current[j, i]
     cross, prior = cross.reshape(k * size, n), prior.reshape(k * size, k * size)
+    excess = [a.excess for a in seen]
+    for number, sight in enumerate(sights):
+        own = [across_fix(law, correlations, windage, sight, a) for a in seen]
+        own += [across_sights(law, correlations, sight, other) for other in sights[:number]]
+        own.append(across_sights(law, correlations, sight, sight) + sight.error**2)
+        grown = np.zeros((len(own), len(own)))
+        grown[:-1, :-1] = variance
+        grown[-1], grown[:, -1] = own, own
+        variance = grown
+        column = across_states(law, correlations, sight, times).reshape(k * size, 1)
+        cross = np.concatenate([cross, column], axis=1)
+        excess.append(sight.excess)
     inverse = np.linalg.inv(variance)
-    excess = np.stack([a.excess for a in seen])  # (n, hypotheses, 2)
+    excess = np.stack(excess)  # (n, hypotheses, 2)
     mean = np.einsum("xp,pq,qhc->xhc", cross, inverse, excess)
     determinant = np.linalg.slogdet(2 * np.pi * variance)[1]
     log_likelihood = -0.5 * np.einsum("phc,pq,qhc->h", excess, inverse, excess) - determinant
     return mean, prior - cross @ inverse @ cross.T, log_likelihood
+
+
+def across_fix(law: Any, correlations: Any, windage: Array, sight: Any, seen: Seen) -> float:
+    """Return the covariance of the error that a report shows and a displacement."""
+    both = correlations[int(sight.of_wind)][sight.place, seen.buoy]
+    if sight.of_wind:
+        pull = windage[seen.buoy] * law.wind_std**2
+        return both * pull * float(integral(sight.time, seen.begin, seen.end, law.wind_time))
+    changing = law.current_std**2 * float(
+        integral(sight.time, seen.begin, seen.end, law.current_time)
+    )
+    return both * (changing + law.bias_std**2 * (seen.end - seen.begin))
+
+
+def across_sights(law: Any, correlations: Any, one: Any, other: Any) -> float:
+    """Return the covariance of the errors that two reports show."""
+    if one.of_wind != other.of_wind:
+        return 0.0
+    both, lag = correlations[int(one.of_wind)][one.place, other.place], abs(one.time - other.time)
+    if one.of_wind:
+        return both * law.wind_std**2 * np.exp(-lag / law.wind_time)
+    return both * (law.current_std**2 * np.exp(-lag / law.current_time) + law.bias_std**2)
+
+
+def across_states(law: Any, correlations: Any, sight: Any, times: Array) -> Array:
+    """Return the covariance of the states at times with what a report shows, (times, 3m)."""
+    m = len(correlations[0])
+    found, lag = np.zeros((len(times), 3 * m)), np.abs(times - sight.time)[:, None]
+    both = correlations[int(sight.of_wind)][sight.place]
+    if sight.of_wind:
+        found[:, m : 2 * m] = law.wind_std * both * np.exp(-lag / law.wind_time)
+    else:
+        found[:, :m] = law.current_std * both * np.exp(-lag / law.current_time)
+        found[:, 2 * m :] = law.bias_std * both
+    return found

@@ -28,7 +28,8 @@ from kernels.runtime import bundle, launch, runtime, tables, taichi_inside
 from kernels.runtime.dtypes import NUMPY
 from kernels.step import advance, features, velocity
 
-EVERYTHING = (1 << 18) - 1  # but for the parameters of a velocity of the user's own
+# but for the parameters of a velocity of the user's own
+EVERYTHING = (1 << 18) - 1 | features.CHANGES
 ROUND_THE_POLE = features.POLAR | features.LAYERS | features.MEMBERS
 USUAL = features.CURRENT | features.WIND | features.ERRORS | features.JIBE | features.RK4
 USUAL |= features.DIFFUSION | features.BIAS

@@ -9,8 +9,9 @@ import numpy as np
 
 from drift.apps.check import outlook, voyage
 from drift.case.record import Case
-from drift.engine.motion.buoys import BuoyTrack
-from drift.engine.motion.scenario import Scenario
+from drift.engine.motion.buoys import BuoyTrack, PointReport
+from drift.engine.motion.leeway import COAST_GUARD
+from drift.engine.motion.scenario import UNCHANGED, Change, Scenario
 from drift.evidence.filter import contacts
 from drift.evidence.filter.records import Barrier, Contact, Field, Line, Look, Presence, Sortie
 from drift.evidence.sensors.records import Processing, Sensor, Sonar, Tow
@@ -92,6 +93,9 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         else "none in the domain",
     }
     lines = {name: text for name, text in lines.items() if text}
+    lines |= {
+        f"leeway, note {k}": note for k, note in enumerate(run_metadata.object_warnings(case), 1)
+    }
     lines |= {f"coast, note {k}": note for k, note in enumerate(environment.notes, 1)}
     lines |= {
         f"{source.quantity} {source.name}": _source(case, source) for source in environment.sources
@@ -187,15 +191,38 @@ def _scenario(scenario: Scenario, dry: float, *, released: bool) -> str:
     """
     own = scenario.itinerary
     adrift = f"{scenario.object.name}: {scenario.object.description}"
+    if scenario.object.source not in ("", COAST_GUARD):
+        adrift += f" ({scenario.object.source}; measured: {scenario.object.measured})"
     text = f"{_weight(scenario.weight)}, {adrift if own is None else voyage.itinerary_in_words(own, adrift)}"
     text += "" if released else _around(scenario.prior)
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
+    if scenario.object.measured == "direct" and not scenario.sources.get("stokes"):
+        text += "; its lines leave out the Stokes drift: add [[stokes]]"
     if dry > 0:
         text += f"; {notation.percent(dry)} of its starting positions are on land and ignored"
     if scenario.survival is not None:
         text += f"; alive: {alive.basis(scenario)}"
-    return text
+    return "; ".join([text, *(_change(one, scenario) for one in scenario.changes)])
+
+
+def _change(one: Change, scenario: Scenario) -> str:
+    """Describe a change of state of a scenario's object."""
+    names = (UNCHANGED, *(other.name for other in scenario.changes))
+    leaves = "" if one.leaves == (0,) else f" from {' or '.join(names[k] for k in one.leaves)}"
+    if one.time is None:
+        comes = f"{notation.number(one.rate * 3600, 3)} /h"
+        if one.wind is not None:
+            at, width = (notation.number(speed, 3) for speed in one.wind)
+            comes = f"up to {comes}, half of it at {at} m/s of wind, within about {width} m/s"
+    else:
+        low, high = (notation.number(time / 3600, 3) for time in (one.time.low, one.time.high))
+        since = "that state" if one.after else "the start"
+        comes = f"{low} h after {since}" if low == high else f"{low} to {high} h after {since}"
+    then = f", then {one.object.name}" if one.object is not None else ""
+    if one.object is None and one.leeway != 1:
+        then = f", then {notation.percent(one.leeway, 0)} of its leeway"
+    return f'"{one.name}"{leaves}: {comes}{", sinks" if one.sinks else then}'
 
 
 def _around(prior: Any) -> str:
@@ -219,6 +246,7 @@ def _weight(weight: float) -> str:
 def _search(case: Case) -> dict[str, str]:
     """Describe sorties, contacts, sensors, and the units or arrays that a plan may use."""
     lines = {f'drifter "{own.name}"': _drifter(own) for own in case.drifters}
+    lines |= {f'report "{own.name}"': _report(own) for own in case.reports}
     lines |= {f'sortie "{sortie.name}"': _sortie(sortie) for sortie in case.sorties}
     for contact in case.contacts:
         doubt = f"belief {notation.number(contact.belief)}"
@@ -374,6 +402,24 @@ def _drifter(own: BuoyTrack) -> str:
         *own.notes,
     ]
     return ", ".join(facts)
+
+
+def _report(own: PointReport) -> str:
+    """Describe a wind or current reported on scene."""
+    speed = f"{notation.number(float(np.hypot(*own.velocity)) / KNOT, 3)} kn"
+    moment = notation.stated_time(np.datetime64(int(own.time), "s"))
+    toward = math.degrees(math.atan2(*own.velocity))
+    way = (
+        f"from {_rounded(toward + 180)}" if own.quantity == "wind" else f"toward {_rounded(toward)}"
+    )
+    return (
+        f"{own.quantity} {speed} {way} at {notation.stated_position(own.lon, own.lat)}, {moment}, "
+        f"right to {notation.number(own.error / KNOT, 3)} kn"
+    )
+
+
+def _rounded(degrees: float) -> str:
+    return notation.bearing(round(degrees % 360, 1))
 
 
 def _sortie(sortie: Sortie) -> str:

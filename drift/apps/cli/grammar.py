@@ -77,7 +77,7 @@ def parser() -> Parser:
     _add_cluster(plan)
 
     origin = commands.add_parser(
-        "origin", help="run a spill backward from its finds to where it may have come from"
+        "origin", help="run a spill backward from its finds to its probable origin"
     )
     _add_case(origin)
     _add_results(origin, "NAME-origin")
@@ -136,6 +136,9 @@ def parser() -> Parser:
     objects.add_argument(
         "words", nargs="*", metavar="WORDS", help="only classes that contain every word"
     )
+    objects.add_argument(
+        "--catalogue", type=Path, metavar="FILE", help="with the classes of your own catalogue"
+    )
     _add_output(objects, quiet=False)
 
     _add_info(commands)
@@ -168,8 +171,8 @@ def _add_drifters(command: argparse.ArgumentParser) -> None:
         "--columns",
         default="",
         metavar="KEY=COLUMN,..",
-        help="forcing along the tracks, in place of the case's: current_east=u,current_north=v, and "
-        f"{', '.join(f'{quantity}_' for quantity in velocities() if quantity != 'current')} likewise",
+        help="forcing along the tracks, instead of the case's: current_east=u,current_north=v; the same for "
+        f"{', '.join(f'{quantity}_' for quantity in velocities() if quantity != 'current')}",
     )
     command.add_argument(
         "--max-gap",

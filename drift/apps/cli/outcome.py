@@ -44,13 +44,24 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     for status, share in numbers["account"].items():
         if share > 0:
             facts[status.replace("_", " ")] = notation.percent(share)
+    facts |= _states(numbers)
     facts |= {"errors": errors} if (errors := numbers["uncertainty"]["told"]) else {}
-    facts |= _search(numbers) | _guided(numbers) | _drifters(numbers)
+    facts |= _search(numbers) | _guided(numbers) | _drifters(numbers) | _reports(numbers)
     facts |= _lost(numbers)
     facts |= _coast(numbers)
     facts |= {"members": _members(numbers["members"])} if "members" in numbers else {}
     facts |= _scenarios(numbers["scenario_weights"])
     return facts | _by_axis(numbers["stories"]) if "stories" in numbers else facts
+
+
+def _states(numbers: dict[str, Any]) -> Facts:
+    """Return what has become of the objects, by scenario; nothing if none changes."""
+    return {
+        f'states of "{name}"': ", ".join(
+            f"{state} {notation.percent(share)}" for state, share in own.items()
+        )
+        for name, own in numbers.get("states", {}).items()
+    }
 
 
 def _guided(numbers: dict[str, Any]) -> Facts:
@@ -83,6 +94,34 @@ def _drifters(numbers: dict[str, Any]) -> Facts:
             f"before any search, with them {_listed_areas(both['with'])}; without {_listed_areas(both['without'])}"
         )
     return facts | {f"drifters, note {k}": note for k, note in enumerate(found["notes"], 1)}
+
+
+def _reports(numbers: dict[str, Any]) -> Facts:
+    """Return what each report on scene showed and changed, and the areas without; nothing without
+    reports.
+    """
+    if "reports" not in numbers:
+        return {}
+    found, facts = numbers["reports"], {}
+    for number, own in enumerate(found["reports"], 1):
+        text = f'"{own["name"]}": {own["text"]}'
+        if without := own.get("area_nmi2_without_it"):
+            text += f"; areas without it: {_listed_areas(without)}{_shifted(own)}"
+        facts[f"report {number}"] = text
+    if "area_nmi2" in found:
+        both = found["area_nmi2"]
+        facts["areas by reports"] = (
+            f"before any search, with them {_listed_areas(both['with'])}; without {_listed_areas(both['without'])}{_shifted(found)}"
+        )
+    return facts
+
+
+def _shifted(own: dict[str, Any]) -> str:
+    """Return how far reports moved the mean position."""
+    if "shift_nmi" not in own:
+        return ""
+    toward = notation.bearing(round(own["shift_toward_deg"]))
+    return f"; the mean position moved by {own['shift_nmi']:.1f} nmi toward {toward}"
 
 
 def _listed_areas(areas: dict[str, float]) -> str:
@@ -310,7 +349,7 @@ def spill(numbers: dict[str, Any]) -> Facts:
         unlikely = "unlikely: check it, or set false = 0.1" if find["odd"] else "not unusual"
         facts[f'find {find["number"]} "{find["name"]}"'] = (
             f"{find['stretch']}: chance of a find here was {notation.percent(find['probability_beforehand'])}, "
-            f"{unlikely} ({notation.percent(find['tail'])} at places at most as likely); {verdict.false_find_in_words(find)}"
+            f"{unlikely} ({notation.percent(find['tail'])} here or at less likely places); {verdict.false_find_in_words(find)}"
         )
     if washup["silence"]:
         facts["assumed"] = washup["silence"]
@@ -354,7 +393,7 @@ def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
     """Return where and when a spill may have been released, from a backward run."""
     facts = origin_text.origin_facts(release) | _warnings(warnings)
     facts["note"] = (
-        "backtrack: proposes where to look; missed objects are not used. Confirm it with a "
+        "backtrack: proposes places to look at; it does not use objects that were not found. Confirm it with a "
         "forward run (drift run) "
         "with this release as its prior, weighted by all finds"
     )

@@ -258,7 +258,7 @@ def _finds(run: Finished) -> Iterator[Place]:
         odd = "UNLIKELY, check it: " if row["odd"] == "yes" else ""
         description = (
             f"{odd}{row['name']}, {row['position']}, {row['stretch']}, {row['class'] or 'class unknown'}, by {row['by']}; chance of a find there "
-            f"{notation.percent(float(row['probability_beforehand']))}, at places at most as likely {notation.percent(float(row['tail']))}; not from this spill: "
+            f"{notation.percent(float(row['probability_beforehand']))}, there or at less likely places {notation.percent(float(row['tail']))}; not from this spill: "
             f"{notation.percent(float(row['none_of_ours']))}"
         )
         point = geojson.point(float(row["lon_deg"]), float(row["lat_deg"]))

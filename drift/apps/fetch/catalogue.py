@@ -150,7 +150,7 @@ def _parse_provider(name: str, table: Any) -> Provider:
     if table["protocol"] in ("erddap", "copernicusmarine") and not table.get("dataset"):
         raise UserError("dataset is missing")
     if table["protocol"] == "grib_filter" and set(table.get("runs", ())) != RUNS:
-        raise UserError(f"runs must say {', '.join(sorted(RUNS))}")
+        raise UserError(f"runs must be {', '.join(sorted(RUNS))}")
     try:
         converted: dict[str, Any] = {"address": address, "variables": tuple(table["variables"])}
         converted |= {"first": tuple(table.get("first", ()))}

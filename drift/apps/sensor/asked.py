@@ -276,4 +276,4 @@ def _nearest_time_remark(times: NDArray[np.datetime64], when: np.datetime64) -> 
     if not times.size or times[0] <= when <= times[-1]:
         return ""
     edge, which = (times[0], "first") if when < times[0] else (times[-1], "last")
-    return f"as at {notation.format_dtg(edge)}, its {which} time"
+    return f"the values are those of its {which} time, {notation.format_dtg(edge)}"

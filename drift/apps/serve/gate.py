@@ -176,7 +176,9 @@ class Gate:
         if scope["method"] == "POST" or len(parts) != 5:
             raise Refused(404, "no such file")
         if not hmac.compare_digest(parts[3].encode(), self._secret.key(parts[2]).encode()):
-            raise Refused(401, "this key is from another start: open the run from the list")
+            raise Refused(
+                401, "this link is from an earlier start of the server: open the run from the list"
+            )
         if site not in ([], ["same-origin"], ["none"]) and _header_values(
             scope, b"sec-fetch-mode"
         ) != ["navigate"]:

@@ -131,7 +131,7 @@ def _warnings(found: Regained) -> list[str]:
     known = min(float(study.tracker.time[-1]), study.end)
     if study.pursuit is not None and study.logged and known > study.pursuit.begin + 1:
         warnings.append(
-            "the path is planned on what was known at its start, "
+            "the path uses only detections up to its start, "
             f"{notation.format_dtg(moment(found, study.pursuit.begin))}, but the tracker's log "
             f"continues until {notation.format_dtg(moment(found, known))}: looks since then only "
             "affect the track; remove begin"

@@ -4,7 +4,8 @@ A source that is off has one value for all particles: its mean, or the likeliest
 numbers of the others stay the same.
 """
 
-from collections.abc import Collection
+import math
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,13 +62,19 @@ SOURCES = (
         "wind",
         "wind error",
         "the wind is exactly that of the forcing",
-        "get the wind on scene",
+        "get the wind on scene, and add it to the case as a [[report]]",
     ),
     Source(
         "leeway",
         "leeway",
         "each object has the mean leeway of its class",
         "ask what exactly is adrift, and narrow the class of the object",
+    ),
+    Source(
+        "changes",
+        "changes of state",
+        "the object stays in the state in which it went adrift",
+        "find out in which state it drifts: afloat, swamped or capsized",
     ),
     Source(
         "side",
@@ -112,14 +119,15 @@ def present_sources(case: Case, where: Environment) -> tuple[Source, ...]:
         where: its environment.
     """
     likely = [scenario for scenario in case.scenarios if scenario.weight > 0]
-    objects = [scenario.object for scenario in likely]
+    objects = [drifter for scenario in likely for drifter in scenario.objects]
     has = {
         "scenarios": len(likely) > 1,
         "members": len(where.members) > 1,
         "start": any(_has_spread(scenario) for scenario in likely),
         "current": case.current_error.std + case.current_error.bias > 0,
-        "wind": case.wind_error.std > 0 and any(drifter.uses_wind for drifter in objects),
+        "wind": case.wind_error.std > 0 and any(scenario.uses_wind for scenario in likely),
         "leeway": any(_mean_leeway(drifter) != drifter for drifter in objects),
+        "changes": any(scenario.changes for scenario in likely),
         "side": any(drifter.jibes for drifter in objects),
         "diffusion": case.diffusivity > 0,
     }
@@ -137,27 +145,49 @@ def _has_spread(scenario: Scenario) -> bool:
 
 def case_without(case: Case, off: Collection[str]) -> Case:
     """Return a case whose errors, leeway and side of the wind are off where `off` names them."""
-    changed = case
+    current, wind = case.current_error, case.wind_error
+    drifters, reports = case.drifters, case.reports
+    # Where an error is off there is nothing that buoys and reports could correct.
     if "current" in off:
-        # Without an error of the current there is nothing that a buoy could correct.
-        changed = replace(changed, current_error=_without_error(case.current_error), drifters=())
+        current, drifters = _without_error(current), ()
+        reports = tuple(report for report in reports if report.quantity != "current")
     if "wind" in off:
-        changed = replace(changed, wind_error=_without_error(case.wind_error))
-    if "diffusion" in off:
-        changed = replace(changed, diffusivity=0.0)
-    scenarios = []
-    for scenario in changed.scenarios:
-        own = scenario
-        if "leeway" in off:
-            own = replace(own, object=_mean_leeway(own.object))
-        if "side" in off:
-            own = replace(own, object=_midway(own.object), jibe_rate=0.0)
-        scenarios.append(own)
-    return replace(changed, scenarios=tuple(scenarios))
+        wind = _without_error(wind)
+        reports = tuple(report for report in reports if report.quantity != "wind")
+    return replace(
+        case,
+        current_error=current,
+        wind_error=wind,
+        diffusivity=0.0 if "diffusion" in off else case.diffusivity,
+        drifters=drifters,
+        reports=reports,
+        scenarios=tuple(_scenario_without(scenario, off) for scenario in case.scenarios),
+    )
+
+
+def _scenario_without(scenario: Scenario, off: Collection[str]) -> Scenario:
+    """Return a scenario without changes of state, leeway or sides, where `off` names them."""
+    found = scenario
+    if "changes" in off:
+        found = replace(found, changes=())
+    if "leeway" in off:
+        found = _with_objects(found, _mean_leeway)
+    if "side" in off:
+        found = replace(_with_objects(found, _midway), jibe_rate=0.0)
+    return found
+
+
+def _with_objects(scenario: Scenario, change: Callable[[Drifter], Drifter]) -> Scenario:
+    """Return a scenario with another object in each of its states."""
+    changes = tuple(
+        one if one.object is None else replace(one, object=change(one.object))
+        for one in scenario.changes
+    )
+    return replace(scenario, object=change(scenario.object), changes=changes)
 
 
 def _without_error(error: ForcingError) -> ForcingError:
-    return replace(error, std=0.0, bias=0.0)
+    return replace(error, std=0.0, bias=0.0, tail=math.inf)
 
 
 def _mean_leeway(drifter: Drifter) -> Drifter:

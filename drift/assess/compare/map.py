@@ -87,7 +87,7 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
         ""
         if east.difference != east.difference
         else (
-            f"; mean of B from that of A: {east.difference / NMI:+.2f} ± {east.error / NMI:.2f} "
+            f"; mean of B relative to that of A: {east.difference / NMI:+.2f} ± {east.error / NMI:.2f} "
             f"nmi east, {north.difference / NMI:+.2f} ± {north.error / NMI:.2f} nmi north"
         )
     )

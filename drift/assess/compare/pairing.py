@@ -46,7 +46,7 @@ def pair_cases(a: Case, b: Case) -> tuple[Case, Case]:
         b,
         f"cannot run on the particles of {a.path.name}",
         [
-            f'scenario "{name}" has a weight, and no particle there; raise particles'
+            f'scenario "{name}" has a weight, but no particle in that case; raise particles'
             for name in empty
         ],
     )
@@ -112,8 +112,8 @@ def _reasons_not_paired(a: Case, b: Case) -> list[str]:
         groups = "classes of objects" if a.spill else "scenarios"
         return [
             f"it has {len(theirs)} {groups}, and {a.path.name} {len(own)}, which share the "
-            "particles; scenarios pair by their order; give weight = 0 to one that should not "
-            "count"
+            "particles; scenarios pair by their order; to exclude a scenario, give it "
+            "weight = 0"
             if not a.spill
             else (
                 f"it has {len(theirs)} {groups}, and {a.path.name} {len(own)}, which share the "

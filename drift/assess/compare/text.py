@@ -66,7 +66,7 @@ def comparison_facts(found: Contrast) -> dict[str, str]:
         "B": found.names[1],
         **({"given": words_given(found)} if set(found.given) != {"nothing"} else {}),
         "time": notation.format_dtg(last),
-        "mean of B from that of A": _shift(found),
+        "mean of B relative to that of A": _shift(found),
     }
     for row in found.rows:
         if (
@@ -147,7 +147,7 @@ def comparison_page(found: Contrast) -> str:
     facts = comparison_facts(found)
     wide = max(map(len, facts))
     lines += [f"{name:<{wide}}  {fact}" for name, fact in facts.items()]
-    lines += ["", "By time: mean of B from that of A [nmi], and areas [nmi2]", ""]
+    lines += ["", "By time: mean of B relative to that of A [nmi], and areas [nmi2]", ""]
     for time in found.times:
         east, north = (row for name in SHIFT for row in found.at(time, name))
         shift = (

@@ -53,7 +53,7 @@ def experiment(
             case.
         runs: number of runs, with a seed each; None: 20.
         backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics
-            card where one is worth it. A process keeps the backend and the threads that it started
+            card if the run is large enough. A process keeps the backend and the threads that it started
             with.
         threads: threads of the CPU; None, or more than there are: all. The number of threads does
             not change a bit of the results.

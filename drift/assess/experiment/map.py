@@ -120,8 +120,8 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
         on,
         imprint,
         f"{study.runs:,} runs of {study.size:,} particles, {outcome.sweeps:,} sweeps each: mean "
-        "over the runs that hold a track, where half or more do; shaded one standard error "
-        "either way",
+        "over the runs that hold a track, at times when at least half do; shaded: one standard error "
+        "on either side",
     )
     styles = _styles(outcome, groups)
     symbols: list[tuple[Any, str]] = []

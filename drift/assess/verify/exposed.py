@@ -52,7 +52,7 @@ def exposed_tracks(stranded: Stranded, coast: Coast, gap: float) -> Exposed:
     masks = [own | other for own, other in zip(stranded.ashore, stranded.stopped, strict=True)]
     if still := sum(int(mask.sum()) for mask in masks):
         words = records.words_for_spells(stranded.tracks, masks)
-        notes.append(f"{still:,} fixes left out aground, of {words}")
+        notes.append(f"{still:,} fixes left out because the drifter was aground: {words}")
     afloat = [np.flatnonzero(~mask) for mask in masks]
     if any(mask.any() for mask in stranded.ashore):
         afloat = _before_the_shore(stranded, coast, gap, afloat, notes)
@@ -95,8 +95,8 @@ def _before_the_shore(
         notes.append(
             f"{left:,} fixes left out: their drifter had come within "
             f"{float(np.median(reach)) / 1000:.2g} km of the shore, near enough to run aground "
-            "before the next fix. Using them would lean the errors offshore, because the shore cuts "
-            'tracks that lead ashore short (coast.source = "none" keeps these fixes)'
+            "before the next fix. Using them would bias the errors offshore, because tracks that "
+            'lead ashore end early (coast.source = "none" keeps these fixes)'
         )
     return kept
 

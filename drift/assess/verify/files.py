@@ -15,12 +15,12 @@ Variable = tuple[tuple[str, ...], Array, dict[str, str]]  # dimensions, values a
 
 SUMMARY = (
     "Forecasts of real drifters from many starts, compared with their tracks: separation, spread, "
-    "areas that held them, ranks and skill."
+    "areas that held them, ranks, skill, energy and log score."
 )
 
 
 def summary_of_verification(result: Verification) -> dict[str, Any]:
-    """Return shares held, separations, ranks and skill for summary.json, with standard errors."""
+    """Return shares held, separations, ranks and scores for summary.json, with standard errors."""
 
     def numbers_of(estimate: Estimate) -> dict[str, Any]:
         return {"mean": estimate.mean, "standard_error": estimate.error, "count": estimate.count}
@@ -34,6 +34,8 @@ def summary_of_verification(result: Verification) -> dict[str, Any]:
             **numbers_of(result.mean(result.skill)),
             "median": float(np.median(result.skill)),
         },
+        "skill_unclipped": numbers_of(result.mean(result.unclipped)),
+        "skill_unclipped_of_staying": numbers_of(result.mean(result.staying)),
         "leads": [
             {
                 "hours": float(hours),
@@ -45,6 +47,11 @@ def summary_of_verification(result: Verification) -> dict[str, Any]:
                     "median": float(np.median(result.apart[:, k])),
                 },
                 "persistence_m": numbers_of(result.mean(result.waiting[:, k])),
+                "energy_score_m": numbers_of(result.mean(result.energy[:, lead])),
+                "log_score_per_km2": {
+                    **numbers_of(result.mean(result.log[:, lead])),
+                    "median": float(np.median(result.log[:, lead])),
+                },
                 "aground": numbers_of(result.mean(result.aground[:, k], share=True)),
                 "ashore": float(result.ashore[:, k].mean()),
                 "rank_along": numbers_of(result.mean(result.along[:, lead])),
@@ -77,7 +84,10 @@ def verification_csv(result: Verification, run: str) -> str:
             "containment": f"{result.containment[n, lead]:.4f}",
             "rank_along": f"{result.along[n, lead]:.4f}",
             "rank_across": f"{result.across[n, lead]:.4f}",
+            "energy_score_m": f"{result.energy[n, lead]:.1f}",
+            "log_score_per_km2": f"{result.log[n, lead]:.4f}",
             "skill": f"{result.skill[n]:.4f}",
+            "skill_unclipped": f"{result.unclipped[n]:.4f}",
             "lost": f"{result.lost[n]:.4f}",
         }
         for n in range(result.skill.size)
@@ -99,8 +109,8 @@ def verification_dataset(result: Verification) -> xr.Dataset:
         dims, values, words = hourly(values, f"{axis} of the drifter", units)
         return dims, values, {"standard_name": axis, **words}
 
-    def share(values: Array, long_name: str) -> Variable:
-        return ("forecast", "lead"), values, {"long_name": long_name, "units": "1"}
+    def share(values: Array, long_name: str, units: str = "1") -> Variable:
+        return ("forecast", "lead"), values, {"long_name": long_name, "units": units}
 
     names = np.array(result.names, dtype=object)[result.drifter]
     since = {"standard_name": "forecast_period", "long_name": "time after the start", "units": "h"}
@@ -141,6 +151,15 @@ def verification_dataset(result: Verification) -> xr.Dataset:
             ),
             "rank_across": share(
                 result.across, "share of the probability to the left of the drifter"
+            ),
+            "energy_score": share(result.energy, "energy score of the particles", "m"),
+            "log_score": share(
+                result.log, "logarithm of the density of the particles per km2 at the drifter"
+            ),
+            "skill_unclipped": (
+                "forecast",
+                result.unclipped,
+                {"long_name": "skill without a lower limit", "units": "1"},
             ),
             "skill": (
                 "forecast",

@@ -134,7 +134,7 @@ def fit_errors(
         threads: threads of the CPU; None, or more than there are: all. The number of threads does
             not change a bit of the results.
         backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics
-            card where one is worth it. A process keeps the backend and the threads that it started
+            card if the run is large enough. A process keeps the backend and the threads that it started
             with.
         report: callback that takes the current phase ("read", "drift", "map", "write" ..) and the
             share of it that is done, 0 to 1; `drift.progress` makes one. An exception that it

@@ -26,9 +26,9 @@ def fitting_facts(fit: Fit) -> Facts:
             f"{len(fit.names)}, {fit.increments:,} displacements between fixes; log likelihood "
             f"{fit.log:.1f}"
         ),
-        "standard errors": "the larger of the likelihood's curvature and of that clustered by drifter"
+        "standard errors": "the larger of two: from the likelihood's curvature, and clustered by drifter"
         if fit.clustered
-        else "from the curvature of the likelihood: drifters are too few to cluster by",
+        else "from the curvature of the likelihood; there are too few drifters for clustered errors",
     }
     for name in NAMES:
         label, unit, scale = WORDS[name]

@@ -99,6 +99,15 @@ def _distances(axes: Axes, result: Verification) -> None:
     start = result.error / np.sqrt(np.log(2))  # from the radius that holds half
     spread = np.append(start, np.sqrt((result.spread**2).mean(axis=0))) / NMI
     apart = np.append(0.0, np.sqrt((result.apart**2).mean(axis=0))) / NMI
+    axes.plot(
+        result.leads,
+        result.energy.mean(axis=0) / NMI,
+        color=GREY,
+        marker="D",
+        markersize=4,
+        linestyle="none",
+        label="energy score, mean",
+    )
     axes.plot(hours, apart, color=INK, linewidth=1.1, label="from the drifter, root mean square")
     axes.plot(
         hours,

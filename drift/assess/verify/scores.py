@@ -1,4 +1,4 @@
-"""Scores of a forecast's particles against the drifter's real position: ranks and skill.
+"""Scores of a forecast's particles against the drifter's real position: ranks, skill, and proper scores.
 
 If forecasts are calibrated, the drifter is one more draw from the distribution of the particles.
 Then its rank among them, by any score that treats all in the same way, is exactly uniform (Vovk,
@@ -6,10 +6,14 @@ Gammerman and Shafer 2005, "Algorithmic Learning in a Random World", proposition
 density is the share of the smallest area that holds the drifter, its containment. The ranks by
 position along and across the drift show in which direction forecasts err (Talagrand, Vautard and
 Strauss 1997; Gneiting et al. 2008, doi:10.1007/s11749-008-0114-x).
+
+Calibration alone does not show that a forecast is sharp. The energy score and the log score are
+proper: on average nothing scores better than the true distribution (Gneiting and Raftery 2007,
+doi:10.1198/016214506000001437).
 """
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, special
 
 from geo import sphere
 from geo.array import Array
@@ -17,6 +21,7 @@ from geo.array import Array
 CELLS = 160  # cells on each side of the grid on which densities are estimated
 EDGE = 5.0  # [standard deviations] from the middle of that grid to its edges
 LEAST = 1.0  # [m2] added to the variance, so that particles all at one place have a density
+PAIRS = 16  # of each particle with others, for the mean distance between two particles
 
 
 def containment(x: Array, y: Array, weight: Array) -> float:
@@ -78,20 +83,88 @@ def rank(values: Array, weight: Array) -> float:
     )
 
 
-def skill(apart: Array, way: Array) -> float:
-    """Return the skill of a track: 1 minus the sum of separations over that of path lengths.
+def energy_score(x: Array, y: Array, weight: Array) -> float:
+    """Return the energy score [m] of particles; smaller is better, 0 is perfect.
 
-    Liu and Weisberg 2011, doi:10.1029/2010JC006837, eq. 1 and 2 with n = 1.
+    It is the mean distance of a particle from the drifter, less half the mean distance between two
+    particles (Gneiting and Raftery 2007, eq. 22, with exponent 1). A forecast of a single position
+    scores its distance from the drifter. The second mean is over pairs of each particle with PAIRS
+    others, chosen at random but always alike. Its error is below that of the first mean if the
+    weights are about equal, as those of a forecast are.
+
+    Args:
+        x: particles east of the drifter [m], (n,).
+        y: particles north of the drifter [m], (n,).
+        weight: probabilities of the particles, (n,).
+
+    Returns:
+        The energy score.
+    """
+    order = np.random.default_rng(0).permutation(x.size)
+    x, y, weight = x[order], y[order], weight[order]
+    apart = float(np.average(np.hypot(x, y), weights=weight))
+    among, total = 0.0, 0.0
+    for shift in range(1, min(PAIRS, x.size - 1) + 1):
+        pair = weight * np.roll(weight, shift)
+        among += float(pair @ np.hypot(x - np.roll(x, shift), y - np.roll(y, shift)))
+        total += float(pair.sum())
+    return apart - 0.5 * among / total if total > 0 else apart
+
+
+def log_score(x: Array, y: Array, weight: Array) -> float:
+    """Return the logarithm of the forecast's density [1/km2] at the drifter; larger is better.
+
+    The density is that of the particles alone, smoothed with Gaussian kernels of n^(-1/6) standard
+    deviations (Silverman 1986, section 4.3) along the principal axes: the rule of `containment`. It
+    is fixed before the drifter is seen. Beyond the outermost particle it falls as the kernel does.
+
+    Args:
+        x: particles east of the drifter [m], (n,).
+        y: particles north of the drifter [m], (n,).
+        weight: probabilities of the particles, (n,).
+
+    Returns:
+        The log score.
+    """
+    mass = weight / weight.sum()
+    points = np.stack([x, y])
+    centred = points - (points @ mass)[:, None]
+    kernel = ((centred * mass) @ centred.T + LEAST * np.eye(2)) * x.size ** (-1 / 3)
+    square = (points * np.linalg.solve(kernel, points)).sum(axis=0)
+    peak = 1e6 / (2 * np.pi * np.sqrt(np.linalg.det(kernel)))
+    return float(special.logsumexp(-0.5 * square, b=mass) + np.log(peak))
+
+
+def unclipped_skill(apart: Array, way: Array) -> float:
+    """Return the skill SS* of a track: 1 minus the sum of separations over that of path lengths.
+
+    Unlike `skill` it may be negative, so that its mean over tracks is not biased (Revelard et al.
+    2021, doi:10.3389/fmars.2021.630388).
 
     Args:
         apart: separations of forecast and drifter [m] at evenly spaced times after the start, (m,).
         way: path lengths of the drifter since the start [m] at these times, (m,).
 
     Returns:
-        The skill, 0 to 1.
+        The skill, at most 1; 0 if the drifter did not move.
     """
     total = float(way.sum())
-    return max(0.0, 1 - float(apart.sum()) / total) if total > 0 else 0.0
+    return 1 - float(apart.sum()) / total if total > 0 else 0.0
+
+
+def skill(apart: Array, way: Array) -> float:
+    """Return the skill of a track, `unclipped_skill` but never below 0.
+
+    Liu and Weisberg 2011, doi:10.1029/2010JC006837, eq. 1 and 2 with n = 1.
+
+    Args:
+        apart: as of `unclipped_skill`.
+        way: as of `unclipped_skill`.
+
+    Returns:
+        The skill, 0 to 1.
+    """
+    return max(0.0, unclipped_skill(apart, way))
 
 
 def relative_to(lon: float, lat: float, lons: Array, lats: Array) -> tuple[Array, Array]:

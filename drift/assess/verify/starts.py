@@ -92,7 +92,7 @@ class LeftOut:
             return ""
         return (
             f", {self.ended_near} of them within {grounding.NEAR / 1000:g} km of the shore: if "
-            "those drifters ran aground there, the shares held are biased without them; "
+            "those drifters ran aground there, the stated shares are biased without them; "
             "--ends-aground scores them there"
         )
 

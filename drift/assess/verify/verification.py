@@ -59,7 +59,9 @@ class Verification:
     from the start (persistence); path length of the drifter since the start; root mean square of
     the particles' distances from their mean. aground: (n, m) whether the drifter is aground;
     ashore: (n, m) share of the mapped probability that is ashore. containment, along, across: (n,
-    leads) ranks of the drifter, 0 to 1.
+    leads) ranks of the drifter, 0 to 1. energy: (n, leads) energy score [m]; log: (n, leads)
+    logarithm of the density [1/km2] at the drifter. skill, unclipped, staying: (n,) skill of the
+    mean position, clipped at 0 and not, and the unclipped skill of an object that does not move.
     """
 
     case: Case
@@ -80,7 +82,11 @@ class Verification:
     containment: Array
     along: Array
     across: Array
-    skill: Array  # (n,)
+    energy: Array
+    log: Array
+    skill: Array
+    unclipped: Array
+    staying: Array
     lost: Array  # (n,) share of the probability that is not mapped at the end
     error: float  # [m] of the starts
     notes: tuple[str, ...]
@@ -125,7 +131,11 @@ class _Scores:
     containment: Array
     along: Array
     across: Array
+    energy: Array
+    log: Array
     skill: float
+    unclipped: float
+    staying: float
     lost: float
 
 
@@ -305,7 +315,11 @@ def _case(
             if QUANTITIES[quantity].has_errors:
                 # stated, because a table by time has no errors by default
                 changes["uncertainty"] = {
-                    "current": _error_table(base.current_error) | {"bias": base.current_error.bias},
+                    "current": {
+                        **_error_table(base.current_error),
+                        "bias": base.current_error.bias,
+                        "tail": base.current_error.tail if base.current_error.tailed else "none",
+                    },
                     "wind": _error_table(base.wind_error),
                     "diffusivity": base.diffusivity,
                 }
@@ -378,7 +392,7 @@ def _score(forecast: many.Brief, stranded: Stranded, start: Start, times: Array)
     mean = np.radians(forecast.mean[offset:])
     apart = sphere.distance(mean[:, 0], mean[:, 1], path[0, 1:], path[1, 1:])
     waiting = sphere.distance(path[0, 0], path[1, 0], path[0, 1:], path[1, 1:])
-    spread, ashore, ranks = np.empty(times.size), np.empty(times.size), np.empty((3, leads.size))
+    spread, ashore, at_leads = np.empty(times.size), np.empty(times.size), np.empty((5, leads.size))
     for k in range(times.size):
         row = k + offset
         mapped = on_map(forecast.status[row])
@@ -393,12 +407,16 @@ def _score(forecast: many.Brief, stranded: Stranded, start: Start, times: Array)
             east, north = sphere.offset(path[0, 0], path[1, 0], mean[k, 0], mean[k, 1])
             length = max(float(np.hypot(east, north)), 1e-9)
             u, v = (float(east) / length, float(north) / length) if length > 1e-3 else (1.0, 0.0)
-            ranks[:, lead] = (
+            at_leads[:, lead] = (
                 scores.containment(x, y, weight),
                 scores.rank(u * x + v * y, weight),
                 scores.rank(v * x - u * y, weight),
+                scores.energy_score(x, y, weight),
+                scores.log_score(x, y, weight),
             )
     regular = np.isclose(times % (POINT / 3600), 0.0)
+    if not regular.any():
+        regular[:] = True
     return _Scores(
         track=start.track,
         start=start.time,
@@ -410,12 +428,14 @@ def _score(forecast: many.Brief, stranded: Stranded, start: Start, times: Array)
         spread=spread,
         aground=aground,
         ashore=ashore,
-        containment=ranks[0],
-        along=ranks[1],
-        across=ranks[2],
-        skill=scores.skill(apart[regular], way[regular])
-        if regular.any()
-        else scores.skill(apart, way),
+        containment=at_leads[0],
+        along=at_leads[1],
+        across=at_leads[2],
+        energy=at_leads[3],
+        log=at_leads[4],
+        skill=scores.skill(apart[regular], way[regular]),
+        unclipped=scores.unclipped_skill(apart[regular], way[regular]),
+        staying=scores.unclipped_skill(waiting[regular], way[regular]),
         lost=1.0 - float(forecast.probability[-1][on_map(forecast.status[-1])].sum()),
     )
 
@@ -433,9 +453,9 @@ def _aground_notes(rows: Sequence[_Scores], stranded: Stranded) -> Iterator[str]
         )
         if len(rows) > len({row.track for row in rows}):
             yield (
-                "a drifter's later starts imply that it is still afloat, so its errors lean "
-                "offshore compared with the particles'; with --every longer than the tracks each "
-                "drifter has one start"
+                "a later start of a drifter implies that it is still afloat, so its errors are "
+                "biased offshore compared with the particles; with --every longer than the "
+                "tracks, each drifter has only one start"
             )
 
 

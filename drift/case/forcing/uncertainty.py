@@ -4,6 +4,7 @@ A default error applies only to a quantity read from gridded model files. For a 
 the user must state the error. docs/errors.md gives the source of each number and the alternatives.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Any
@@ -32,7 +33,21 @@ CURRENT = ForcingError(0.31, 11 * HOUR, 0.08, (DEFAULT, DEFAULT, DEFAULT), 12_50
 # Between the random error of short forecasts and values used in searches (docs/errors.md).
 # The length is a guess: errors of forecast winds go with their weather systems.
 WIND = ForcingError(2.0, 12 * HOUR, 0.0, (DEFAULT, DEFAULT, DEFAULT), 100_000.0)
+FEWEST, MOST = 3.0, 100.0  # degrees of freedom of a tail
 DIFFUSIVITY = 0.0  # [m2/s] none, because the residuals already include motion of all scales
+
+
+def _tail(value: object) -> float:
+    """Return the degrees of freedom of a tail; inf for "none"."""
+    if value == "none":
+        return math.inf
+    known = isinstance(value, int | float) and not isinstance(value, bool)
+    if not known or not FEWEST <= value <= MOST:  # type: ignore[operator]
+        raise ValueError(
+            f'tail {value!r} must be "none" or degrees of freedom, {FEWEST:g} to {MOST:g}: the fewer, '
+            "the heavier the tail"
+        )
+    return float(value)  # type: ignore[arg-type]
 
 
 class CurrentErrorTable(fields.Table):
@@ -41,9 +56,12 @@ class CurrentErrorTable(fields.Table):
     std: fields.CurrentError | None = None
     time: fields.Duration | None = None
     bias: fields.CurrentError | None = None
+    tail: Annotated[float, BeforeValidator(_tail)] | None = None
+    """Degrees of freedom of the error's distribution, Student's, 3 to 100; `"none"`: a normal
+    distribution. Each particle's `std` and `bias` then have a factor of its own, drawn once."""
     length: fields.Width | None = None
     """Distance over which the error is correlated, as exp(-(d / length)^1.5): the reach of a
-    [[drifter]]'s track. Without drifters it has no effect."""
+    [[drifter]]'s track and of a [[report]]. Without them it has no effect."""
 
 
 class WindErrorTable(fields.Table):
@@ -114,7 +132,7 @@ def error(
 ) -> ForcingError:
     """Return the error of a quantity: the keys of the case, completed by the default.
 
-    A table with `std` has no bias unless it states one.
+    A table with `std` has no bias and no tail unless it states them.
 
     Args:
         table: the table of the case; None: it has none.
@@ -130,9 +148,10 @@ def error(
     )
     if table is None:
         return default_or_none
-    bias = getattr(table, "bias", None)
+    bias, tail = getattr(table, "bias", None), getattr(table, "tail", None)
     unsized = table.std is None and bias is None
-    if unsized and default_or_none.std == 0 and (table.time is not None or table.length is None):
+    only_length = table.length is not None and table.time is None and tail is None
+    if unsized and default_or_none.std == 0 and not only_length:
         raise UserError(
             f'uncertainty.{key}: has no std, and there is no default ({reason}); give one, or write "none"'
         )
@@ -146,7 +165,19 @@ def error(
     )
     bias, bias_by = (default_or_none.bias, default_or_none.by[2]) if bias is None else (bias, CASE)
     length = default.length if table.length is None else table.length
-    return ForcingError(std, time, bias, (std_by, time_by, bias_by), length)
+    if tail is None:
+        tail = default_or_none.tail if table.std is None else math.inf
+    return ForcingError(std, time, bias, (std_by, time_by, bias_by), length, tail)
+
+
+def no_tail_beside(what: str) -> str:
+    """Return the message for a tail in a case whose errors are normal; what: the table of the case."""
+    why = {
+        "[spill]": "objects of one world share their errors, and these are normal",
+        "[[drifter]]": "errors are conditioned on the drifters' tracks as normal ones",
+        "[[report]]": "errors are conditioned on the reports as normal ones",
+    }
+    return f'uncertainty.current.tail: {why[what]}; leave tail out, or write tail = "none" ({what})'
 
 
 def with_spill_bias(

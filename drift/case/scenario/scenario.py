@@ -12,10 +12,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from drift.case.forcing import sources
-from drift.case.scenario import survival
+from drift.case.scenario.change import ChangeTable, build_changes
 from drift.case.scenario.itinerary import DistressTable as DistressLaw
 from drift.case.scenario.itinerary import PhaseTable, VesselTable
 from drift.case.scenario.objects import ObjectTable, SearchObject
+from drift.case.scenario.survival import SurvivalTable
 from drift.case.sonar.sonar import SourceLevel
 from drift.case.values import fields, units
 from drift.case.values.mistakes import Mistakes
@@ -23,7 +24,7 @@ from drift.case.values.places import AreaTable, PositionTable
 from drift.engine.motion import own_motion
 from drift.engine.motion.leeway import WATER, Drifter, Line
 from drift.engine.motion.own_motion import OwnMotion
-from drift.engine.motion.scenario import JIBE_RATE, ReleasePrior, Survival, TracklinePrior
+from drift.engine.motion.scenario import JIBE_RATE, Change, ReleasePrior, TracklinePrior
 from drift.engine.motion.steering.itinerary import Itinerary
 from geo import notation, sphere
 from geo.files import fence
@@ -127,47 +128,6 @@ def _share(
     return min(max(share, 0.0), 1.0)
 
 
-class SurvivalTable(fields.Table):
-    """Survival time after going adrift: lognormal, given by a median and a spread factor.
-
-    The median is given, or computed from the water temperature (drift.case.scenario.survival).
-    """
-
-    median: fields.Duration | None = None
-    """Median survival time."""
-    spread: Annotated[float, Field(gt=1, le=20)] | None = None
-    """Factor of one standard deviation; by default 1.5 with `median`, 2 with `water`."""
-    water: Annotated[float, BeforeValidator(survival.celsius)] | None = None
-    """Water temperature, from which drift computes the median."""
-    clothing: str | None = None
-    """Clothing; needs `water`. Only `"light"` is allowed, because no other formula is known."""
-
-    @model_validator(mode="after")
-    def one_way(self) -> "SurvivalTable":
-        """Reject no median or two, and clothing without a known formula."""
-        if fields.one_of(self, ("median", "water")) == "median":
-            if self.clothing is not None:
-                raise ValueError(
-                    "clothing belongs to water; a median already includes the effect of clothing"
-                )
-        elif self.clothing not in survival.CLOTHING:
-            given = "is missing" if self.clothing is None else f'"{self.clothing}" is not known'
-            raise ValueError(f'clothing {given}; with water it must be "light": {survival.OTHERS}')
-        return self
-
-    def survival(self) -> Survival:
-        """Return the record of the survival time."""
-        if self.median is not None:
-            return Survival(self.median, self.spread or 1.5)
-        assert self.water is not None
-        spread = self.spread or survival.SPREAD
-        return Survival(
-            survival.immersed(self.water),
-            spread,
-            f"{survival.SOURCE}, light clothing, {self.water:.1f} degC",
-        )
-
-
 def _motion(value: object) -> object:
     if not isinstance(value, str) or not (value in PARAMETERS or own_motion.is_own(value)):
         names = ", ".join(f'"{name}"' for name in (*PARAMETERS, *own_motion.shipped()))
@@ -240,6 +200,8 @@ class ScenarioTable(fields.Table):
     sensor may give it instead.
     """
     survival: SurvivalTable | None = None
+    change: list[ChangeTable] = Field(default_factory=list)
+    """What becomes of the object while it is adrift: it capsizes, is swamped, sinks."""
     phase: list[PhaseTable] = Field(default_factory=list)
     """How it steers before it drifts: phases in order."""
     vessel: VesselTable | None = None
@@ -279,11 +241,13 @@ class ScenarioTable(fields.Table):
         adrift = not self.phase or self.distress is not None
         own = own_motion.is_own(self.motion)
         if adrift and self.object is None and not own:
-            yield "object is missing: what drifts? See: drift objects"
+            yield "object is missing: give the object that drifts; see: drift objects"
         if own and self.object is not None:
             yield f'object: motion = "{self.motion}" determines its drift; leave object out, and give search_object for sweep widths'
         if own and self.jibe is not None:
             yield f'jibe belongs to leeway, and motion = "{self.motion}" has none; leave jibe out'
+        if own and self.change:
+            yield f'change replaces leeway, and motion = "{self.motion}" has none; leave change out'
         if self.parameters and not own:
             yield 'parameters belong to a drift model of your own; add motion = "FILE.py", or leave them out'
         for number, phase in enumerate(self.phase[:-1], 1):
@@ -309,8 +273,8 @@ class ScenarioTable(fields.Table):
         if not adrift:
             if own:
                 yield f'motion = "{self.motion}" belongs to an object adrift; add distress, or leave motion out'
-            for name in ("survival", "jibe", "object"):
-                if getattr(self, name) is not None:
+            for name in ("survival", "jibe", "object", "change"):
+                if getattr(self, name):
                     yield f"{name} belongs to an object adrift; add distress, or leave {name} out"
             if self.search_object is not None:
                 yield (
@@ -382,9 +346,21 @@ class ScenarioTable(fields.Table):
             )
         return self.object.drifter() if self.object else WATER
 
-    def jibe_rate(self, drifter: Drifter) -> float:
-        """Return the jibing rate [1/s]; by default as published for objects with two sides."""
-        return self.jibe if self.jibe is not None else (JIBE_RATE if drifter.jibes else 0.0)
+    def changes(self, start: np.datetime64) -> tuple[Change, ...]:
+        """Return the changes of state of the object, for a case that starts at `start`.
+
+        Raises:
+            UserError: changes do not fit together, one line for each mistake.
+        """
+        return build_changes(
+            self.change, start, f'scenario "{self.name}"', lives=self.survival is not None
+        )
+
+    def jibe_rate(self, *drifters: Drifter) -> float:
+        """Return the jibing rate [1/s]; by default as published if any object has two sides."""
+        if self.jibe is not None:
+            return self.jibe
+        return JIBE_RATE if any(drifter.jibes for drifter in drifters) else 0.0
 
 
 # The models of motion by name, each with a function that returns its parameters for a scenario.

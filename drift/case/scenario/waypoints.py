@@ -326,7 +326,7 @@ def _way_point(
     if origin is None:
         if table.after is None or table.time is not None:
             raise ValueError(
-                'points of a track have after, like "6 h" or ["6 h", "9 h"]: the time from its start'
+                'each point of a track needs after, such as "6 h" or ["6 h", "9 h"]: the time from its start'
             )
         return WayPoint(table.place(before), table.after)
     if table.time is None or table.after is not None:

@@ -14,6 +14,7 @@ from drift.case.search.pattern import RegionTable
 from drift.case.search.sensor import Zones, probability
 from drift.case.values import fields, messages, units
 from drift.case.values.places import ErrorTable
+from drift.engine.motion.scenario import UNCHANGED, Scenario
 from drift.evidence.filter.detection import heard as heard_law
 from drift.evidence.filter.records import Contact, Fix
 from geo.errors import UserError
@@ -217,6 +218,7 @@ class ContactTable(fields.Table):
     received_level: heard.LevelTable | None = None
     frequency: heard.FrequencyTable | None = None
     guide: bool | None = None
+    state: fields.Label | None = None
 
     @model_validator(mode="after")
     def one_kind(self) -> "ContactTable":
@@ -240,6 +242,8 @@ class ContactTable(fields.Table):
                 raise ValueError(
                     "course and speed are those of the search object; leave them out for debris"
                 )
+        if self.state is not None and self.of is not None:
+            raise ValueError("state is that of the search object; leave it out for debris")
         if self.guide is not None and (self.of is None or self.position is None):
             raise ValueError("guide applies only to a position of debris (of); remove it")
         self._check_sensor()
@@ -313,6 +317,7 @@ class ContactTable(fields.Table):
                 given
                 | tables
                 | {"name": f"{self.name or 'bearing'} {number}", "time": time, "bearing": bearing}
+                | ({} if self.of is None else {"of": self.of})
             )
             try:
                 found.append(ContactTable.model_validate(row))
@@ -334,6 +339,8 @@ class ContactTable(fields.Table):
         more = getattr(self, self.kind()).details(run)
         belief = 1.0 if self.belief is None else self.belief
         drifter = self.of.drifter() if self.of is not None else None
+        if self.state is not None:
+            more["state"] = _known_state(self.state, run.scenarios)
         if self.course is not None:
             more |= {
                 "course": math.radians(self.course.value),
@@ -359,6 +366,21 @@ class ContactTable(fields.Table):
                 "the run: start the run earlier"
             )
         return contact
+
+
+def _known_state(name: str, scenarios: Sequence[Scenario]) -> str:
+    """Return the name of a state of some scenario; raise ValueError for another."""
+    changes = [one.name for scenario in scenarios for one in scenario.changes]
+    if not changes:
+        raise ValueError(
+            f'state "{name}": no object changes its state; add [[scenario.change]], or leave it out'
+        )
+    states = list(dict.fromkeys([UNCHANGED, *changes]))
+    if name not in states:
+        raise ValueError(
+            f'state: no state "{name}"; there are: {", ".join(f"{chr(34)}{own}{chr(34)}" for own in states)}'
+        )
+    return name
 
 
 def build_contacts(tables: list[ContactTable], run: Run) -> tuple[Contact, ...]:

@@ -101,7 +101,7 @@ def _linear(value: object) -> Sight:
     alpha = probability(value, "alpha")
     if alpha == 0:
         raise ValueError(
-            "linear 0 detects everything everywhere; alpha is the decrease of the POD from the centre to the edge"
+            "linear 0 detects everything everywhere; give the decrease of the POD from the centre to the edge"
         )
     return Sight("linear", alpha)
 

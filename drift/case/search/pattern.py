@@ -57,7 +57,7 @@ class RegionTable(fields.Table):
             for key in ("length", "width", "orientation"):
                 if getattr(self, key) is not None:
                     raise ValueError(
-                        f"{key} belongs to a rectangle; a polygon has its corners alone"
+                        f"{key} belongs to a rectangle; a polygon has only its corners"
                     )
         self.area()
         return self
@@ -132,8 +132,8 @@ class PatternTable(fields.Table):
             along = self.length if self.kind == "parallel" else self.width
             if self.spacing >= along:
                 raise ValueError(
-                    f"spacing {self.spacing / NMI:g} nmi leaves no legs: they lie half a spacing inside their "
-                    f"{along / NMI:g} nmi at both ends; make it smaller"
+                    f"spacing {self.spacing / NMI:g} nmi leaves no legs: at both ends a leg stops half a spacing "
+                    f"inside its {along / NMI:g} nmi; make spacing smaller"
                 )
             across = self.width if self.kind == "parallel" else self.length
             if patterns.leg_count(across, self.spacing) > patterns.MOST_LEGS:

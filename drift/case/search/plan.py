@@ -165,6 +165,13 @@ class PlanTable(fields.Table):
                 'plan.objective: "alive" needs survival in the scenarios, like survival = { median = "18 h", spread = '
                 "1.6 }"
             )
+        if self.objective == "alive" and any(
+            one.survival for scenario in run.scenarios for one in scenario.changes
+        ):
+            wrong.lines.append(
+                'plan.objective: "alive" counts survival from the release, and a change of state has a survival of its own; '
+                'write objective = "pos"'
+            )
         wrong.refuse()
         return PlanSpec(
             begin, until, self.objective, self.separation, self.rounds, self.particles, self.ashore

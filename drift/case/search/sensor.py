@@ -295,6 +295,11 @@ class SensorTable(fields.Table):
         table = self if given is None else self.model_copy(update={"sweep_width": given})
         return table.widths(kind, speed, under_way)
 
+    @property
+    def _by_tables(self) -> bool:
+        """Whether the sweep width comes from the tables."""
+        return isinstance(self.sweep_width, ConditionsTable)
+
     def _tabulated(
         self, seen: ConditionsTable, kind: str, speed: float, scenario: Scenario
     ) -> float:

@@ -84,7 +84,7 @@ def _completed(value: object) -> float:
     share: float = units.quantity(value, "", "share", "60 %")
     if not 0 < share <= 1:
         raise ValueError(
-            f'{value!r} must be a share above 0 and at most 1, like 0.6 or "60 %"; leave out what was not flown'
+            f'{value!r} must be a share above 0 and at most 1, like 0.6 or "60 %"; leave out a sortie that was not flown'
         )
     return share
 
@@ -110,6 +110,7 @@ class SortieTable(SensorTable):
     transit_legs: list[fields.Count] | None = None
     track: Annotated[str, Field(min_length=1)] | None = None
     watch: WatchTable | None = None
+    sweep_width_after: dict[str, fields.Length] | None = None
 
     @model_validator(mode="after")
     def one_search(self) -> "SortieTable":
@@ -276,7 +277,46 @@ class SortieTable(SensorTable):
             and self.pattern is not None
             and self.pattern.kind in {"parallel", "creeping"},
         )
+        changed = self._changed_widths(speed, widths, run.scenarios)
+        if changed and not math.isnan(widths[0]):
+            coverages = [
+                self._coverage(own, area, begin, finish, run.scenarios) if legs is None else ()
+                for own in changed
+            ]
+            sortie = replace(sortie, changed=tuple(zip(changed, coverages, strict=True)))
         return self._drifting(sortie, run)
+
+    def _changed_widths(
+        self, speed: float, widths: tuple[float, ...], scenarios: Sequence[Scenario]
+    ) -> list[tuple[float, ...]]:
+        """Return the sweep widths [m] after change 1, 2, ... of each scenario; []: as before.
+
+        By name of the state, else by its search object with the tables, else that of the scenario.
+        """
+        given = self.sweep_width_after or {}
+        states = {one.name for scenario in scenarios for one in scenario.changes}
+        for name in given:
+            if name not in states:
+                there = ", ".join(f'"{state}"' for state in sorted(states)) or "none"
+                raise ValueError(
+                    f'sweep_width_after: no change leads to "{name}"; there are: {there}'
+                )
+        if given and math.isnan(widths[0]):
+            raise ValueError(
+                "sweep_width_after belongs to sweep_width; give that, or leave sweep_width_after out"
+            )
+        changed = []
+        for number in range(max((len(scenario.changes) for scenario in scenarios), default=0)):
+            row = list(widths)
+            for k, scenario in enumerate(scenarios):
+                one = scenario.changes[number] if number < len(scenario.changes) else None
+                if one is not None and one.name in given:
+                    row[k] = given[one.name]
+                elif one is not None and one.search_object and self._by_tables:
+                    then = replace(scenario, search_object=one.search_object)
+                    row[k] = self.widths(self.unit, speed, [then])[0]
+            changed.append(tuple(row))
+        return changed if any(row != widths for row in changed) else []
 
     def _stands(self, sensor: Sensor | None) -> tuple[float, float] | None:
         """Return the fixed position of a watch (lon, lat) [deg]; None if it moves or is no

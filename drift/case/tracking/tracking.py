@@ -122,7 +122,7 @@ class SensorTable(fields.Table):
     sweep: fields.Duration = 1.2
     """Interval between its sweeps."""
     on: Annotated[PlanTable | bool, BeforeValidator(_on)] = True
-    """When it is on."""
+    """Times at which it is on."""
     hears: bool = False
     """`true`: it detects the target's radar while that is on; its silence is no evidence."""
     grace: Elapsed = 300.0
@@ -163,13 +163,15 @@ class MethodTable(BehaviourTable):
     name: fields.Label
     """Name of the filter."""
     fill: Literal["position", "course", "combined"] = "combined"
-    """How particles are repopulated from a detection: weighted by the speed they need from the last
-    estimate, on the course from it, or both.
+    """How particles are repopulated from a detection: weighted by the speed that they need from the
+    last estimate, placed on the course from it, or both.
     """
     partial: fields.Share = 0.75
-    """Share of surviving particles below which the survivors are duplicated."""
+    """If fewer than this share of the particles survive, the survivors are duplicated."""
     bulk: fields.Share = 0.1
-    """Share of survivors below which a detection repopulates; after silence the track is lost."""
+    """If fewer than this share survive a detection, particles are repopulated; if fewer survive
+    silence, the track is lost.
+    """
 
     def tracker(self) -> Tracker:
         """Return the record of the filter."""

@@ -271,7 +271,7 @@ def weight(value: object) -> float:
         raise ValueError(f"weight {value!r} must be at least 0")
     if number != 0 and not LIGHTEST <= number <= HEAVIEST:
         raise ValueError(
-            f"weight {value!r} must be 0, or {LIGHTEST:g} to {HEAVIEST:g}: only ratios of weights count, so divide all by one"
+            f"weight {value!r} must be 0, or {LIGHTEST:g} to {HEAVIEST:g}: only ratios of weights matter, so divide all by the same number"
         )
     return number + 0.0
 

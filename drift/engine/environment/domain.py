@@ -26,6 +26,7 @@ POLEWARD = 89.0  # [deg] a domain that reaches beyond holds the pole: there meri
 VAST = 4_000.0
 FARTHEST = 7.0  # standard deviations beyond which practically no particle is drawn
 SPREADS = 5.0  # standard deviations of a prior inside its box
+SCALE = 4.0  # of a tail: with 4 degrees of freedom, larger for 1 of 530 particles
 
 
 def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
@@ -68,7 +69,7 @@ def within_reach(spec: EnsembleSpec) -> Box:
     """
 
     def carried(leeway: float) -> float:
-        speed = FASTEST_CURRENT + leeway + 3 * (spec.errors.current.std + spec.errors.current.bias)
+        speed = FASTEST_CURRENT + leeway + _error_speed(spec, 3)
         if spec.release:
             speed += leeway * (math.exp(2 * spec.release.windage_bias) - 1)
         return speed
@@ -78,13 +79,30 @@ def within_reach(spec: EnsembleSpec) -> Box:
     return around(spec, _fastest_of(spec, objects + debris, carried), SPREADS)
 
 
+def _error_speed(spec: EnsembleSpec, spreads: float) -> float:
+    """Return the mean speed over a run [m/s] that boxes allow for errors of the current.
+
+    With a tail it is SCALE times that of the displacement, which grows with the square root of time,
+    if that is more. SCALE times the first one would make a run of ten days span an ocean.
+
+    Args:
+        spec: of the ensemble.
+        spreads: number of standard deviations.
+    """
+    error, duration = spec.errors.current, spec.period.duration
+    speed = spreads * (error.std + error.bias)
+    if error.tailed:
+        speed = max(speed, spreads * SCALE * error.displacement(duration) / duration)
+    return speed
+
+
 def outermost_box(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     """Return a box that practically no particle of a run leaves.
 
     It assumes speeds that no sea sustains, or those of the case if they are higher, and extreme
     errors. With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten
-    million in a thousand runs. A particle that leaves the box nevertheless counts as having left
-    the domain.
+    million in a thousand runs, and with a tail up to three of ten million in a run. A particle that
+    leaves the box nevertheless counts as having left the domain.
     """
     utmost = {
         name: _fastest(asked.forcing.get(name, ()), quantity)
@@ -97,7 +115,7 @@ def outermost_box(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
             sum(utmost[name] for name, quantity in QUANTITIES.items() if not quantity.in_air)
             + leeway
         )
-        speed += FARTHEST * (spec.errors.current.std + spec.errors.current.bias)
+        speed += _error_speed(spec, FARTHEST)
         if spec.release:
             speed += leeway * math.exp(FARTHEST * spec.release.windage_bias)
         return speed + FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)

@@ -20,7 +20,7 @@ from matplotlib.path import Path as Outline
 
 from drift.engine.environment import corridors
 from drift.engine.environment.ambient import Flow
-from drift.engine.motion.buoys import BuoyTrack
+from drift.engine.motion.buoys import BuoyTrack, PointReport
 from drift.engine.motion.scenario import Scenario
 from drift.engine.motion.steering import family
 from drift.engine.motion.steering import lanes as network_of
@@ -56,6 +56,13 @@ BUOY: dict[str, Any] = {
     "marker": "D",
     "markevery": [-1],
     "markersize": 4.5,
+}
+REPORT: dict[str, Any] = {
+    "color": "#b35900",
+    "linestyle": "none",
+    "marker": "s",
+    "markersize": 4.5,
+    "fillstyle": "none",
 }
 AREA: dict[str, Any] = {"color": "#7a1f6b", "linewidth": 1.5, "linestyle": (0, (6, 2))}
 WAY_COLOURS = ("#1b5e20", "#00838f", "#5d4037", "#9e7b00", "#b0306a")
@@ -161,7 +168,7 @@ def key(areas: bool = True) -> list[tuple[Any, str]]:
     rows: list[tuple[Any, str]] = [
         (
             Line2D([], [], color=INK, linewidth=0.7, marker="o", markersize=2.6),
-            "Lane; an arrow where it is one-way",
+            "Lane; an arrow if it is one-way",
         ),
         (Patch(facecolor=WASH, alpha=0.75), "Its corridor"),
     ]
@@ -226,7 +233,23 @@ def buoy_tracks(buoys: Sequence[BuoyTrack], time: np.datetime64) -> Overlay:
     places = {
         f"drifter {own.name}": [np.stack([own.lon[seen], own.lat[seen]], -1)] for own, seen in shown
     }
-    rows = [(Line2D([], [], **BUOY), "Drifting buoy, and where it was seen last")] if shown else []
+    rows = [(Line2D([], [], **BUOY), "Drifting buoy, and its last fix")] if shown else []
+    return Overlay(draw, places, rows, names)
+
+
+def reports_on_scene(reports: Sequence[PointReport], time: np.datetime64) -> Overlay:
+    """Return the places of winds and currents reported until a time as a chart layer."""
+    moment = notation.epoch(time)
+    shown = [own for own in reports if own.time <= moment]
+
+    def draw(ax: Axes, frame: Frame) -> None:
+        for own in shown:
+            x, y = frame.project(np.array([own.lon]), np.array([own.lat]))
+            ax.plot(x, y, zorder=6.8, **REPORT)
+
+    names = [(own.lon, own.lat, own.name) for own in shown]
+    places = {f"report {own.name}": [np.array([[own.lon, own.lat]])] for own in shown}
+    rows = [(Line2D([], [], **REPORT), "Wind or current reported")] if shown else []
     return Overlay(draw, places, rows, names)
 
 
@@ -316,7 +339,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
         places["the lanes"] = middles(network)
         places["where the lanes begin"] = _route_starts(named_itineraries)
     if rings:
-        places["the areas of patrol"] = [np.array([*ring, ring[0]]) for ring in corners]
+        places["the patrol areas"] = [np.array([*ring, ring[0]]) for ring in corners]
     if trackers:
         places["the tracker"] = trackers
     return Overlay(draw, places, rows)

@@ -122,8 +122,8 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                     between, shore, place, f"on the way to phase {number + 1}"
                 ):
                     wrong[
-                        f"{place}: the way from its end to where phase {number + 1} begins, {width} wide, touches land "
-                        f"{where}; let this one begin where that one ends, or {OTHERWISE}"
+                        f"{place}: the track from its end to the start of phase {number + 1}, {width} wide, touches land "
+                        f"{where}; let that phase begin at this end, or {OTHERWISE}"
                     ] = None
     if wrong:
         raise UserError(

@@ -1,9 +1,10 @@
-"""Drifting buoys on scene, whose tracks show the errors of current and wind where they are.
+"""Drifting buoys and reports on scene, which show the errors of current and wind where they are.
 
-`buoy_errors` conditions the errors on the fixes; this module holds the result for the steps of a
-run and has each particle share the errors of the buoys near it (kernels.step.buoys). Why each
-particle draws deviations of its own: it is one possible position of one object, with one possible
-course of the errors at the buoys. In a spill the objects of one world share one course.
+`buoy_errors` conditions the errors on the fixes of buoys and on reports; this module holds the
+result for the steps of a run and has each particle share the errors of the places near it
+(kernels.step.buoys, for which a report's place is a buoy that does not move). Why each particle draws
+deviations of its own: it is one possible position of one object, with one possible course of the
+errors at these places. In a spill the objects of one world share one course.
 """
 
 from collections.abc import Mapping
@@ -14,13 +15,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.engine.motion.buoy_errors import Conditioned, Law
+from drift.engine.motion import buoy_errors
+from drift.engine.motion.buoy_errors import Conditioned, Law, Sight
 from drift.engine.motion.clock import Clock
 from drift.engine.particles.ensemble import Column, Device, Ensemble
 from geo import sphere
 from geo.array import Array
 from kernels.maths import noise
-from kernels.runtime import rows, runtime
+from kernels.runtime import launch, rows, runtime
 from kernels.step import buoys as kernel
 from kernels.step.advance import Step
 from kernels.step.errors import ROWS
@@ -51,9 +53,39 @@ class BuoyTrack:
     notes: tuple[str, ...] = ()
 
 
-def states(many: int, windy: bool, biased: bool) -> int:
-    """Return the number of states of each component of the errors at buoys."""
-    return many * (2 + int(windy) + int(biased))
+@dataclass(frozen=True)
+class PointReport:
+    """A wind or current that somebody on scene measured or estimated.
+
+    Attributes:
+        name: unique in a case.
+        quantity: "wind" or "current".
+        time: UTC [s since 1970], whole seconds.
+        lon: [deg].
+        lat: [deg].
+        velocity: east and north [m/s], toward which it blows or flows.
+        error: standard deviation of each component [m/s].
+    """
+
+    name: str
+    quantity: str
+    time: float
+    lon: float
+    lat: float
+    velocity: tuple[float, float]
+    error: float
+
+
+def states(places: int, buoys: int, windy: bool, biased: bool) -> int:
+    """Return the number of states of each component of the errors.
+
+    Args:
+        places: number of buoys and of the places of reports.
+        buoys: number of buoys alone, which have displacements.
+        windy: whether there are errors of the wind.
+        biased: whether the current has a constant bias.
+    """
+    return places * (1 + int(windy) + int(biased)) + buoys
 
 
 def column_names(buoys: int, many: int) -> list[str]:
@@ -88,23 +120,25 @@ def columns(buoys: int, many: int) -> tuple[Column, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Buoys:
-    """The errors at some buoys given their tracks, by steps of a run.
+    """The errors at some buoys and reports given these, by steps of a run.
 
     Attributes:
-        names: of the buoys.
+        names: of the buoys, which are the first places.
+        sights: what the reports show, each at one of the other places.
         law: the prior of the errors.
-        given: the errors given the fixes; its hypotheses are (scenario, member), member last.
-        places: lon, lat of each buoy at the begin of each step [deg], (steps, m, 2).
-        factors: Cholesky factors of the correlations between the buoys of the errors of current and
+        given: the errors given all of them; its hypotheses are (scenario, member), member last.
+        places: lon, lat of each place at the begin of each step [deg], (steps, m, 2).
+        factors: Cholesky factors of the correlations between the places of the errors of current and
             wind in the middle of each step, (steps, 2, m, m).
         numbers: of the steps.
         edges: times of the steps [s after the run's start], (steps + 1,).
-        windy: whether a buoy feels errors of the wind.
+        windy: whether there are errors of the wind.
         members: of the forcing ensemble, 1 without one.
         worlds: whether the particles of a world share one deviation.
     """
 
     names: tuple[str, ...]
+    sights: tuple[Sight, ...]
     law: Law
     given: Conditioned
     places: Array
@@ -120,8 +154,20 @@ class Buoys:
         """The row of each step in the tables on the device, by its number."""
         return {number: row for row, number in enumerate(self.numbers, 1)}
 
+    def parts(self, place: int, of_wind: bool) -> Array:
+        """Return the share of each state in the error at a place [m/s], (states,).
+
+        Args:
+            place: number of the place.
+            of_wind: of the wind's error, not of the current's.
+        """
+        states = self.given.moves.shape[1]
+        return buoy_errors.parts_of_error(
+            self.law, self.places.shape[1], states, self.windy, place, of_wind
+        )
+
     def log_weights(self, scenario: Array, member: Array | None) -> Array:
-        """Return what the fixes add to particles' log weights, (n,); 0 for the likeliest forcing.
+        """Return what fixes and reports add to particles' log weights, (n,); 0 for the likeliest forcing.
 
         Args:
             scenario: number of each particle's scenario, (n,).
@@ -137,27 +183,33 @@ class Sharer:
 
     def __init__(self, buoys: Buoys, ensemble: Ensemble) -> None:
         self._buoys, self._ensemble = buoys, ensemble
-        given, m = buoys.given, len(buoys.names)
+        given, m = buoys.given, buoys.places.shape[1]
         many = given.moves.shape[1]
-        names = column_names(m, many)
-        own = ensemble.own
-        self._z, self._shared = rows.whole(own, names), rows.whole(own, kernel.SHARED)
-        self._own = rows.whole(own, ROWS)
-        empty = np.zeros((1, many, many))
+        names, own = column_names(m, many), ensemble.own
         halves = np.stack(
             [given.means[:-1], given.means[1:]], axis=2
         )  # (steps, hypotheses, 2, ...)
         mixes = np.linalg.inv(buoys.factors)
         x, y = sphere.to_binary(buoys.places[..., 0]), sphere.to_binary(buoys.places[..., 1])
-        self._tables = (
-            _padded(given.moves, np.float32, empty),
-            _padded(given.kicks, np.float32, given.first[None]),
+        kicks = np.concatenate([given.first[None], given.kicks])
+        drawn = (kicks != 0).any(axis=1)
+        order = np.where(drawn, np.cumsum(drawn, axis=1) - 1, -1)
+        self._tables = launch.pack(
+            kernel.Tables,
+            _padded(given.moves, np.float32),
+            runtime.upload(kicks.astype(np.float32).ravel()),
+            runtime.upload(order.astype(np.int32).ravel()),
             _padded(halves, np.float32),
             _padded(mixes, np.float32),
             _padded(np.stack([x, y], axis=-1), np.int32),
         )
-        self._scratch = runtime.empty(2 * (many + m) * max(ensemble.n, 1))
-        self._member = own["member"] if buoys.members > 1 else runtime.upload(np.zeros(1, np.int32))
+        member = own["member"] if buoys.members > 1 else runtime.upload(np.zeros(1, np.int32))
+        self._particles = launch.pack(
+            kernel.Particles,
+            *(ensemble.scenario, ensemble.world, member, ensemble.status, ensemble.release),
+            *(ensemble.lon, ensemble.lat),
+            *(rows.whole(own, each) for each in (ROWS, names, kernel.SHARED)),
+        )
         law = buoys.law
         self._numbers = {
             "buoys": m,
@@ -188,30 +240,22 @@ class Sharer:
             ahead=float(ahead),
         )
         shift = ensemble.batch(range(len(ensemble.numbers))).shift
-        columns = (
-            *(ensemble.scenario, ensemble.world, self._member, ensemble.status, ensemble.release),
-            *(ensemble.lon, ensemble.lat, self._own),
-        )
         kernel.share_errors(
-            0,
             ensemble.n,
             shift,
-            *columns,
-            self._z,
-            self._scratch,
-            self._shared,
-            *self._tables,
+            self._particles,
+            self._tables,
             numbers,
             row,
             step.number,
             step.elapsed + step.duration,
-            *noise.key(ensemble.seed),
+            noise.key(ensemble.seed),
         )
 
 
-def _padded(values: Array, kind: type, first: Array | None = None) -> Device:
-    """Return a table with one more row in front, flat on the device."""
-    front = np.zeros((1, *values.shape[1:])) if first is None else first
+def _padded(values: Array, kind: type) -> Device:
+    """Return a table with one more row, of zeros, in front, flat on the device."""
+    front = np.zeros((1, *values.shape[1:]))
     return runtime.upload(np.concatenate([front, values]).astype(kind).ravel())
 
 

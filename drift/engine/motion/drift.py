@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from drift.engine.motion import changes
 from drift.engine.motion.forcing_error import Errors, ForcingError
 from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.model import Group, Key, Model, Waters
 from drift.engine.motion.scenario import Scenario
 from drift.engine.particles.ensemble import Column, Ensemble, Slots
+from kernels.runtime import rows
 from kernels.step import advance as kernel
 from kernels.step import bridge
 from kernels.step import errors as errors_of
@@ -29,6 +31,9 @@ _MEANING = {
     "wind_error": "Ornstein-Uhlenbeck error of the wind now",
     "current_bias": "constant error of the current: its own, or in a spill its world's",
 }
+_SCALE = Column(
+    "current_scale", np.float32, 1, "", "factor of its errors of the current: their tail", "errors"
+)
 COLUMNS = (
     Column("side", np.int32, 1, "", "+1 drifts to the right of the wind, -1 to the left"),
     *(
@@ -52,7 +57,9 @@ COLUMNS = (
             "errors",
         )
         for name in ERRORS
+        if name != _SCALE.name
     ),
+    _SCALE,
 )
 
 
@@ -60,18 +67,27 @@ def physics(errors: Errors, scenario: Scenario) -> Physics:
     """Return a scenario's physics; an error with zero standard deviation is off."""
     current, wind = (
         errors.current,
-        errors.wind if scenario.object.uses_wind else ForcingError(0.0, 1.0),
+        errors.wind if scenario.uses_wind else ForcingError(0.0, 1.0),
     )
     return Physics(
-        current.std, current.time, wind.std, wind.time, errors.diffusivity, scenario.jibe_rate
+        current.std,
+        current.time,
+        wind.std,
+        wind.time,
+        errors.diffusivity,
+        scenario.jibe_rate,
+        float(current.tailed),
     )
 
 
 def draw_objects(
     ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors
 ) -> None:
-    """Draw each particle's leeway and its initial errors of current and wind."""
+    """Draw each particle's leeway, its waits for changes of state, and its initial errors of current
+    and wind.
+    """
     draw_leeway(ensemble, slots, key, scenario.object)
+    changes.draw(ensemble, slots, key, scenario.changes)
     draw_errors(ensemble, slots, key, errors)
 
 
@@ -101,7 +117,7 @@ def draw_leeway(ensemble: Ensemble, slots: Slots, key: Key, drifter: Drifter) ->
 
 
 def draw_errors(ensemble: Ensemble, slots: Slots, key: Key, errors: Errors) -> None:
-    """Draw each particle's initial errors of current and wind, and its bias."""
+    """Draw each particle's initial errors of current and wind, its bias, and its scale."""
     for number, (name, std) in enumerate(
         (
             ("current_error", errors.current.std),
@@ -111,6 +127,9 @@ def draw_errors(ensemble: Ensemble, slots: Slots, key: Key, errors: Errors) -> N
     ):
         east, north = ensemble.own[f"{name}_east"], ensemble.own[f"{name}_north"]
         draws.draw_error(*slots, east, north, number, *key, std)
+    if errors.current.tailed:
+        error_rows = rows.whole(ensemble.own, ERRORS)
+        errors_of.draw_scales(*slots, error_rows, *key, errors.current.tail)
 
 
 def mover(
@@ -192,6 +211,8 @@ DRIFT: Model = Model(
     between=between,
     still=still,
     longest=longest,
-    usual=lambda scenario, wind: usual(scenario.object, wind),
-    fastest=lambda scenario, wind, spreads: fastest(scenario.object, wind, spreads),
+    usual=lambda scenario, wind: max(usual(one, wind) for one in scenario.objects),
+    fastest=lambda scenario, wind, spreads: max(
+        fastest(one, wind, spreads) for one in scenario.objects
+    ),
 )

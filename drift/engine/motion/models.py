@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from drift.engine.motion import own_model
+from drift.engine.motion import changes, own_model
 from drift.engine.motion.drift import DRIFT
 from drift.engine.motion.forcing_error import Errors
 from drift.engine.motion.model import Model, Motion
@@ -42,7 +42,11 @@ def columns(scenarios: Iterable[Scenario]) -> tuple[Column, ...]:
     every = [
         column
         for s in scenarios
-        for column in (*model_of(s).columns, *(steer.COLUMNS if s.itinerary else ()))
+        for column in (
+            *model_of(s).columns,
+            *changes.columns(s.changes),
+            *(steer.COLUMNS if s.itinerary else ()),
+        )
     ]
     return tuple({column.name: column for column in every}.values())
 

@@ -128,7 +128,7 @@ def _speeds(
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         raise UserError(
             f"{own.path.name}: velocity can't be compiled ({lines[-1] if lines else error}); it must return two numbers, "
-            "east and north, as docs/howto/model.md says"
+            "east and north, as docs/howto/model.md describes"
         ) from error
     speed: Array = np.hypot(way[:, 0], way[:, 1])
     if not np.isfinite(speed).all():

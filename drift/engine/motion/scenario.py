@@ -15,7 +15,7 @@ import numpy as np
 
 from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.steering.family import InFamily
-from drift.engine.motion.steering.itinerary import Itinerary
+from drift.engine.motion.steering.itinerary import Itinerary, Spread
 from geo import sphere
 from geo.array import Array
 
@@ -40,6 +40,37 @@ class Survival:
 
 # [1/s] 4 % an hour (Allen 2005, CG-D-05-05; Breivik and Allen 2008, section 2.3)
 JIBE_RATE = 0.04 / 3600
+
+
+UNCHANGED = "unchanged"  # name of the state of an object as it went adrift
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of an object's state while it is adrift (docs/changes.md).
+
+    State 0 is the object as it went adrift, state k + 1 what change k of the scenario leads to. The
+    change comes at a rate, by the wind, or at a time.
+    """
+
+    name: str  # of the state that it leads to
+    leaves: tuple[int, ...]  # the states in which it may come
+    rate: float = 0.0  # [1/s]; with `wind`, in winds far above it
+    # wind [m/s] at which half of the rate holds, and the width [m/s] of the rise
+    wind: tuple[float, float] | None = None
+    # its time [s], in place of a rate: after the run's start, or after the state began
+    time: Spread | None = None
+    after: bool = False
+    object: Drifter | None = None  # what drifts then; None: a share of the leeway that it had
+    leeway: float = 1.0  # that share
+    sinks: bool = False
+    search_object: str | None = None  # its name in the sweep width tables; None: as before
+    survival: Survival | None = None  # from the change on; None: as before
+
+    @property
+    def memoryless(self) -> bool:
+        """Whether copies of a particle may draw their own wait: it comes at a rate."""
+        return self.time is None
 
 
 @dataclass(frozen=True)
@@ -156,6 +187,23 @@ class Scenario:
     # Source level for passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level;
     # None: not stated.
     source_level: float | tuple[tuple[float, float], ...] | None = None
+    changes: tuple[Change, ...] = ()  # of its state while it is adrift
+
+    @property
+    def objects(self) -> tuple[Drifter, ...]:
+        """What drifts: its object, and what changes of state make of it."""
+        return (self.object, *(one.object for one in self.changes if one.object is not None))
+
+    @property
+    def survivals(self) -> tuple[Survival | None, ...]:
+        """Its survival times, then those from each of its changes on; None: as before."""
+        return (self.survival, *(one.survival for one in self.changes))
+
+    @property
+    def uses_wind(self) -> bool:
+        """Whether the wind moves its object in any state, or changes it."""
+        by_wind = any(one.wind is not None for one in self.changes)
+        return by_wind or any(drifter.uses_wind for drifter in self.objects)
 
     @property
     def models(self) -> tuple[str, ...]:

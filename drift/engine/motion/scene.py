@@ -201,7 +201,7 @@ class Scene:
         """
         beach = kernel.Beach(slides=self.place.beach.slides)
         still = self.place._replace(
-            beach=beach, sinks=False, divergence=False, guided=False, shares=False
+            beach=beach, sinks=False, divergence=False, guided=False, shares=False, changes=()
         )
         motions = tuple(Motion(model, model.still(terms)) for model, terms in self.motions)
         return replace(self, motions=motions, place=still, steering=None, guided=None, buoys=None)

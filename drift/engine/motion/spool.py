@@ -16,6 +16,7 @@ from typing import NamedTuple, overload
 
 import numpy as np
 
+from drift.engine.motion import changes
 from drift.engine.motion.period import Period
 from drift.engine.motion.simulate import Moment
 from drift.engine.particles import members, partials
@@ -43,6 +44,7 @@ KINDS = {
         ("status_since", np.int32),
         ("edge", np.int32),
         ("member", np.int32),
+        (changes.STATE, np.float32),
     )
 }
 # columns of an ensemble that are stored at the end of the run
@@ -114,7 +116,7 @@ class ShardFile:
 
     def record_end(self, ensemble: Ensemble) -> None:
         """Store an ensemble's columns at the end of the run."""
-        for name in (*END, *({members.COLUMN.name} & {*ensemble.own})):
+        for name in (*END, *sorted({members.COLUMN.name, changes.STATE} & {*ensemble.own})):
             self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())
 
     @property

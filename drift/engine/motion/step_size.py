@@ -85,7 +85,7 @@ def clock_of(
     )
     if spec.step is not None and divisor % spec.step and ends:
         raise UserError(
-            f"clock.step: {spec.step} s: where particles are repopulated at contacts ([resampling]) a step has to end at each; give a "
+            f"clock.step: {spec.step} s: [resampling] repopulates particles at contacts, so a step must end at each contact; give a "
             f'divisor of {divisor} s, "auto", or contacts at rounder times'
         )
     start, duration, direction = period.epoch, period.duration, period.direction

@@ -32,7 +32,8 @@ UpdateCallback = Callable[[Update, Columns], None]
 class Event:
     """An update as it takes effect, with columns of the particles at that time.
 
-    Columns: `before` and `after`, log weights; `release` [s after start]; `lineage`, the initial
+    Columns: `before` and `after`, log weights; `release` [s after start], and of objects whose state changes `law`, the survival time
+    that counts from it (drift.engine.motion.changes); `lineage`, the initial
     particle from which each descends, only after resampling; `never`, the product over sorties of
     the share of time that none searched the particle, only after a sortie. A sortie adds
     `searched`, the share of its time that it searched the particle, and `there`, whether the
@@ -147,13 +148,13 @@ class Account:
         pos = np.nan_to_num(-np.expm1(update.log_evidence))
         self._failure_probability = self._failure_probability * (1 - pos)
         survival, sums = any(scenario.survival for scenario in self._spec.scenarios), []
-        names = ("before", "after", "searched", "there", "release")
-        for blocks, before, after, searched, there, release in event.columns.parts(*names):
+        names = ("before", "after", "searched", "there", "release", "law")
+        for blocks, before, after, searched, there, release, law in event.columns.parts(*names):
             weight = weights.relative(before, top)
             lost = weight - weights.relative(after, top)
             parts = [weight, np.maximum(weight * searched, lost), lost * there]
             if survival:
-                parts.append(lost * self._alive(blocks, release, event.middle))
+                parts.append(lost * self._alive(blocks, release, law, event.middle))
             sums.append(blocks.partial(*parts))
         merged = partials.merge_partials(sums)
         under, *over = np.concatenate([merged.by_scenario[:, 0], merged.total]).T
@@ -186,16 +187,18 @@ class Account:
             )
         return np.array([*log_ratios, log_ratio]) + event.unit
 
-    def _alive(self, blocks: Blocks, release: Array, middle: float) -> Array:
+    def _alive(self, blocks: Blocks, release: Array, law: Array | None, middle: float) -> Array:
         """Return the probability of being alive at the middle of a sortie, of each particle.
 
         It is 1 for scenarios without survival times.
         """
         alive = np.ones(blocks.n)
         for number, own in zip(blocks.scenario, blocks.spans, strict=True):
-            survival = self._spec.scenarios[number].survival
-            if survival:
-                alive[own] = survival.alive(middle - release[own])
+            for which, survival in enumerate(self._spec.scenarios[number].survivals):
+                if survival is None:
+                    continue
+                held = True if law is None else law[own] == which
+                alive[own] = np.where(held, survival.alive(middle - release[own]), alive[own])
         return alive
 
 

@@ -186,6 +186,7 @@ class SortieExposure:
         step: Step,
         until: int,
         keep: bool = True,
+        only: Array | None = None,
     ) -> Exposed:
         """Return the exposure of each particle until a time within the step just made.
 
@@ -197,6 +198,7 @@ class SortieExposure:
             until: end of the exposure [s after the run's start].
             keep: whether to update its own columns. Otherwise they stay unchanged, so that an
                 output does not cut the legs there.
+            only: which particles it exposes, bool (n,); None: all.
         """
         exposed = self.ready(ensemble.n)
         first, last = max(self._exposed_until, step.elapsed, self.begin), min(until, self.end)
@@ -212,9 +214,11 @@ class SortieExposure:
             else None
         )
         for way in self._paths_by_current:
-            chosen = None  # bool (n,): slots of one ensemble member; None: all of these scenarios
+            chosen = only  # bool (n,): slots, if not all of these scenarios
             if member is not None and way.member is not None:
                 chosen = member == way.member
+                if only is not None:
+                    chosen &= only
             for paths in scene.paths(
                 ensemble, begin, helm, step, (first, last), way.scenarios, chosen
             ):

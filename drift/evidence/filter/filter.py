@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from drift.engine.motion import changes
 from drift.engine.motion.ensemble_spec import EnsembleSpec
 from drift.engine.motion.scene import Begin, Scene
 from drift.engine.motion.simulate import PositionsAt
@@ -25,9 +26,10 @@ from drift.engine.particles import life, weights
 from drift.engine.particles.columns import Columns
 from drift.engine.particles.ensemble import Ensemble
 from drift.engine.particles.status import STRANDED, Status
+from drift.evidence.filter import by_state, crossings, filling, overdue
 from drift.evidence.filter import contacts as contact_laws
-from drift.evidence.filter import crossings, filling, overdue
 from drift.evidence.filter.account import Account, Event, UpdateCallback
+from drift.evidence.filter.by_state import SortieByState
 from drift.evidence.filter.crossings import Watched
 from drift.evidence.filter.debris import debris
 from drift.evidence.filter.detection import heard, sight
@@ -58,7 +60,7 @@ from geo.array import Array
 from kernels.runtime import runtime
 from kernels.step.advance import Step
 
-Flown = SortieExposure | Listening
+Flown = SortieExposure | SortieByState | Listening
 
 
 class SearchFilter:
@@ -313,12 +315,13 @@ class SearchFilter:
         never = np.ones(self.ensemble.n, np.float32) if history.never is None else history.never
         history.never = (never * (1 - searched)).astype(np.float32)
         there = np.isin(life.read_lives(self.ensemble).at(flown.end), STRANDED)
+        middle = 0.5 * (flown.begin + flown.end)
         columns = self._columns(
             before,
             self.ensemble.log_weight.to_numpy(),
             {"searched": searched, "there": there},
+            middle,
         )
-        middle = 0.5 * (flown.begin + flown.end)
         self._take(Event(sortie.name, "sortie", sortie.end, columns, middle=middle))
         flown.exposed = None
 
@@ -356,6 +359,10 @@ class SearchFilter:
         sent = self._source_frequency(tone) if tone and tone.group else None
         sensor = contact.heard.sensor if contact.heard else None
         log_likelihoods = heard.log_likelihood(contact, targets, sent)
+        if contact.state:
+            log_likelihoods = np.where(
+                self._in_state(contact.state, time), log_likelihoods, -np.inf
+            )
         averaged = self._averaged(sensor, log_likelihoods, keep=False)
         log_likelihoods, unit = self._with_false_contacts(
             contact, number, time, log_likelihoods, averaged
@@ -392,6 +399,13 @@ class SearchFilter:
             east, north = self._scene.velocity(self.ensemble, self._begin, self._step, time)
         scenario, status = ensemble.scenario.to_numpy(), life.read_lives(ensemble).at(time)
         return Targets(*places, scenario, east, north, status)
+
+    def _in_state(self, name: str, time: int) -> Array:
+        """Return which particles are in the state of a name at a time, bool (n,)."""
+        scenarios = self._spec.scenarios
+        now = changes.state_at(self.ensemble, scenarios, time)
+        number = changes.numbered(scenarios)[self.ensemble.scenario.to_numpy(), now]
+        return np.asarray(number == changes.names_of(scenarios).index(name))
 
     def _averaged(self, sensor: Sensor | None, log_likelihoods: Array, keep: bool) -> Array:
         """Return the log likelihood (n,) of a report, averaged over the unknown of its sensor.
@@ -503,12 +517,21 @@ class SearchFilter:
         before = self.ensemble.log_weight.to_numpy()
         after = before + likelihood
         self.ensemble.log_weight.from_numpy(after.astype(np.float32))
-        columns, when = self._columns(before, after, {}), self._spec.period.time(time)
+        columns, when = self._columns(before, after, {}, time), self._spec.period.time(time)
         self._take(Event(name, kind, when, columns, unit, certain=certain))
 
-    def _columns(self, before: Array, after: Array, more: Mapping[str, Array]) -> Columns:
-        """Return the columns of an update with the log weights (n,) before and after it."""
+    def _columns(
+        self, before: Array, after: Array, more: Mapping[str, Array], time: float
+    ) -> Columns:
+        """Return the columns of an update at a time with the log weights (n,) before and after it.
+
+        Releases are those that survival times count from.
+        """
         own = {"before": before, "after": after, "release": self.ensemble.release.to_numpy()}
+        if changes.any_changes(self._spec.scenarios):
+            own["release"], own["law"] = changes.survival_clocks(
+                self.ensemble, self._spec.scenarios, time
+            )
         kept = self._history.columns
         own |= {name: kept[name] for name in ("lineage", "never") if name in kept}
         return Columns.held(self.ensemble.blocks, {**own, **more})
@@ -583,6 +606,7 @@ class SearchFilter:
         for which in (e, *(beside.ensemble for beside in self._debris.values())):
             which.layout = drawn.layout
             self._restart_waits(which, until)
+        changes.draw_again(e, self._spec.scenarios, until)
 
     def _restart_waits(self, which: Ensemble, time: int) -> None:
         """Restart the waiting times of stranded particles that may refloat.
@@ -626,14 +650,22 @@ def create_exposures(spec: EnsembleSpec, sorties: Sequence[Sortie], scene: Scene
     """Return the exposure of each sortie, set up for a scene."""
     seas = scene.seas("current")
     members = [scene.forcing.members(sea[0], "current") for sea in seas]
-    return [
-        Listening(sortie, spec.period.epoch)
-        if sortie.sensor is not None
-        else SortieExposure(
-            sortie, spec.period.epoch, seas, members, steers=scene.steering is not None
-        )
-        for sortie in sorties
-    ]
+    start, steers = spec.period.epoch, scene.steering is not None
+
+    def exposure(sortie: Sortie) -> Flown:
+        if sortie.sensor is not None:
+            return Listening(sortie, start)
+        if sortie.changed:
+            return SortieByState(
+                [
+                    SortieExposure(own, start, seas, members, steers=steers)
+                    for own in by_state.sorties(sortie)
+                ],
+                spec.scenarios,
+            )
+        return SortieExposure(sortie, start, seas, members, steers=steers)
+
+    return [exposure(sortie) for sortie in sorties]
 
 
 def _occupied_slots(ensemble: Ensemble) -> list[int]:

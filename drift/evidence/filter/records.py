@@ -79,6 +79,9 @@ class Sortie:
     # [m], one per scenario, of objects under way; (): no scenario steers
     width_under_way: tuple[float, ...] = ()
     coverage_under_way: tuple[float, ...] = ()  # as `coverage`, of objects under way
+    # sweep widths and coverages as above, of objects after change 1, 2, ... of their state; (): as
+    # before the changes
+    changed: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...] = ()
     planned: bool = False  # whether it is planned, not yet flown
     # whether every other leg, from the second on, is a cross leg, which crews do not count
     crossed: bool = False
@@ -180,6 +183,7 @@ class Contact:
     course_std: float = 0.0  # 0: no course was observed
     speed: float = 0.0  # [m/s] over ground
     speed_std: float = 0.0  # 0: no speed was observed
+    state: str = ""  # name of the state in which the object was seen; "": not observed
 
     @property
     def moves(self) -> bool:

@@ -16,6 +16,7 @@ from geo.array import Array
 # of 40 h), AFTER bins in the month after it, for reports about the future, and one bin for later
 # releases or none.
 WITHIN, AFTER, MONTH = 400, 99, 30 * 86_400.0
+BINS = WITHIN + AFTER + 1
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,9 @@ class SearchStatus:
     """Probability by scenario and time of release, given all evidence; S scenarios, B bins."""
 
     time: np.datetime64
-    release: Array  # [s after start] mean of each bin, (S, B)
+    # [s after start] mean of each bin, (S, B); of objects whose state changes, the bins for each of
+    # the survival times that count from it, one after the other
+    release: Array
     mass: Array  # probability, (S, B); adds up to 1
     # probability of never having been in a searched area, given each scenario, then of all; (S +
     # 1,)
@@ -38,7 +41,8 @@ def search_status(
 
     Args:
         time: of the status.
-        columns: `release` [s after start], `log_weight`, and after any sortie `never`, the share of
+        columns: `release` [s after start], `log_weight`, perhaps `law`, the number of the survival
+            time that counts from the release, and after any sortie `never`, the share of
             each particle never searched.
         effective: number of effective particles.
         duration: of the run [s].
@@ -50,14 +54,20 @@ def search_status(
     ]
     first, last = min(low for low, _ in ends), max(high for _, high in ends)
     sums, unsearched = [], []
-    for blocks, release, log_weight, never in columns.parts("release", "log_weight", "never"):
+    laws = 1 + max(
+        (int(law.max(initial=0)) for _, law in columns.parts("law") if law is not None), default=0
+    )
+    names = ("release", "log_weight", "never", "law")
+    for blocks, release, log_weight, never, law in columns.parts(*names):
         weight = unit.shares(log_weight)
         inside = np.minimum((release - first) / max(last - first, 1.0) * WITHIN, WITHIN - 1)
         beyond = WITHIN + np.minimum((release - duration) / MONTH * AFTER, AFTER)
         bins, many = (
             np.where(release <= duration, inside, beyond).astype(np.int64),
-            WITHIN + AFTER + 1,
+            BINS,
         )
+        if law is not None:
+            bins, many = bins + many * law, many * laws
         sums.append(blocks.partial(weight, weight * release, code=bins, many=many))
         if never is not None:
             unsearched.append(blocks.partial(weight * never))

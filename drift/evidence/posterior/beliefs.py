@@ -89,7 +89,7 @@ def _told(
 ) -> RangedQuantity | None:
     """Return a quantity with its range in a run.
 
-    Return None if all particles with weight have the same value.
+    Return None if all particles with weight have the same value for good.
     """
     ends = []
     for _, values, holds, log_weight in (
@@ -97,7 +97,7 @@ def _told(
     ):
         own = values[holds & (log_weight > -np.inf)].astype(np.float64)
         ends += [own.min(), own.max()] if own.size else []
-    if not ends or min(ends) == max(ends):
+    if not ends or (min(ends) == max(ends) and not quantity.later):
         return None
     low, high = (0.0, TURN) if quantity.kind == "circular" else (float(min(ends)), float(max(ends)))
     return RangedQuantity(quantity, low, high, quantity.labels(spec) if quantity.labels else ())

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drift.engine.motion import changes
 from drift.engine.motion.ensemble_spec import EnsembleSpec
 from drift.engine.motion.steering.family import Axis
 from drift.engine.motion.steering.itinerary import (
@@ -100,12 +101,29 @@ def _side(drawn: Drawn) -> Values | None:
     """
     if "side" not in drawn.ensemble.own:
         return None
-    sided = np.array([s.object.jibes and "drift" in s.models for s in drawn.spec.scenarios])
+    sided = np.array(
+        [any(one.jibes for one in s.objects) and "drift" in s.models for s in drawn.spec.scenarios]
+    )
     return Values(np.where(drawn.ensemble.own["side"].to_numpy() > 0, 0, 1), sided[drawn.scenario])
 
 
 def _sides(spec: EnsembleSpec) -> tuple[str, ...]:
     return "right of the wind", "left of the wind"
+
+
+def _state(drawn: Drawn) -> Values | None:
+    """Return what has become of each object by now; it applies to objects that may change."""
+    if changes.STATE not in drawn.ensemble.own:
+        return None
+    scenarios, ensemble = drawn.spec.scenarios, drawn.ensemble
+    now = ensemble.own[changes.STATE].to_numpy().astype(np.int64)
+    may_change = np.array([bool(scenario.changes) for scenario in scenarios])
+    number = changes.numbered(scenarios)[drawn.scenario, now]
+    return Values(number, may_change[drawn.scenario])
+
+
+def _states(spec: EnsembleSpec) -> tuple[str, ...]:
+    return changes.names_of(spec.scenarios)
 
 
 class Ends(NamedTuple):
@@ -188,4 +206,5 @@ QUANTITIES = (
     Quantity("spread_rate", "Spread rate K", "number", _spread_rate, "nmi/sqrt(h)", 60 / NMI),
     Quantity("member", "Member of the forcing", "category", _member, labels=_members),
     Quantity("side", "Side of the wind", "category", _side, labels=_sides),
+    Quantity("state", "State of the object", "category", _state, labels=_states, later=True),
 )

@@ -87,5 +87,5 @@ def check_gaps(bearing: Array, name: str, widest: float = WIDEST) -> None:
         raise UserError(
             f"{name}: nothing between the bearings {bearing[k]:g} and {bearing[(k + 1) % bearing.size]:g} degrees: a gap of "
             f"{gaps[k]:g}; allowed are {widest:g} degrees and twice the median gap ({median:g}), all round: add the bearings "
-            "between, or give one alone that holds all round"
+            "between, or give a single bearing, which then applies all round"
         )

@@ -214,6 +214,6 @@ def _check_losses(table: Array, labels: Sequence[Label], name: str) -> None:
         )
     if table.max() < LEAST_LARGEST:
         raise UserError(
-            f"{name}: the largest loss is {table.max():.3g}; a loss of {table.max():.3g} is no loss in dB, whose largest is at "
+            f"{name}: the largest loss is {table.max():.3g}; a loss of {table.max():.3g} cannot be in dB, where the largest is at "
             f"least {LEAST_LARGEST:g}: convert the file to dB (-20 log10 of a pressure, -10 log10 of an intensity)"
         )

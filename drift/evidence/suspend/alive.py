@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drift.engine.motion.scenario import Scenario
-from drift.evidence.filter.standing import SearchStatus
+from drift.evidence.filter.standing import BINS, SearchStatus
 from geo import notation
 from geo.array import Array
 
@@ -20,7 +20,8 @@ def alive_at(
 ) -> tuple[Array, Array]:
     """Return the probability of being alive at a time, and its standard error.
 
-    A scenario without survival times counts as alive.
+    A scenario without survival times counts as alive. Where a change of state changes survival, each
+    object stays in its present state from the status on.
 
     Args:
         scenarios: of the case.
@@ -34,8 +35,11 @@ def alive_at(
         return np.ones(len(scenarios) + 1), np.zeros(len(scenarios) + 1)
     by_bin = np.ones_like(standing.mass)
     for s, scenario in enumerate(scenarios):
-        if scenario.survival:
-            by_bin[s] = scenario.survival.alive(time - standing.release[s])
+        many = standing.mass.shape[1] // BINS
+        for number, survival in enumerate(scenario.survivals[:many]):
+            if survival:
+                own = slice(number * BINS, (number + 1) * BINS)
+                by_bin[s, own] = survival.alive(time - standing.release[s, own])
     chance, error = np.ones(len(scenarios) + 1), np.zeros(len(scenarios) + 1)
     for s in range(len(scenarios) + 1):
         of_all = s == len(scenarios)
@@ -56,7 +60,14 @@ def basis(scenario: Scenario) -> str | None:
         return None
     spread = notation.number(survival.spread, 3)
     median = f"median {notation.number(survival.median / HOUR, 3)} h"
-    return f"{median}, 68 % between 1/{spread} and {spread} times that ({survival.basis})"
+    text = f"{median}, 68 % between 1/{spread} and {spread} times that ({survival.basis})"
+    for one in scenario.changes:
+        if one.survival is not None:
+            hours = notation.number(one.survival.median / HOUR, 3)
+            text += f'; once "{one.name}", median {hours} h'
+    if any(one.survival for one in scenario.changes):
+        text += "; changes of state still to come are not included"
+    return text
 
 
 def seconds(time: np.datetime64, start: np.datetime64) -> float:

@@ -190,7 +190,7 @@ def _basis(bases: Sequence[str | None]) -> str | None:
     if not known:
         return None
     words = known.pop() if len(known) == 1 else f"{len(known)} different survival times"
-    return f"{words}; {without} of them have none and count as alive forever" if without else words
+    return f"{words}; {without} of them have none: persons there stay alive" if without else words
 
 
 def _hours_ahead(scenarios: Sequence[Scenario], standing: SearchStatus, now: float) -> list[int]:

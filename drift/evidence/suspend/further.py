@@ -218,7 +218,7 @@ def like_the_last(
         data["probability_by_scenario"].values[k].astype(float), data["cell_area"].values
     )
     if not (mass.sum(axis=1) * _mapped(total, standing, data)).any():
-        return (), "the map holds nothing that the sorties of the last 24 h could detect"
+        return (), "the sorties of the last 24 h could detect nothing on the map"
     now = seconds(standing.time, start)
     parts = np.append((np.arange(STEPS) + 0.5) / STEPS, 1.0)  # of a day
     alive, until = [], []
@@ -231,8 +231,8 @@ def like_the_last(
     swept, living = _mapped(total, standing, data), _mapped(np.array(alive), standing, data)
     watches = len(recent) - len(efforts)
     how = (
-        f"{len(efforts)} sortie{'s' * (len(efforts) != 1)} of the last 24 h swept {total.max() / NMI**2:,.0f} nmi2: the "
-        "same effort on each further day, as random search, placed ideally on the map of "
+        f"{len(efforts)} sortie{'s' * (len(efforts) != 1)} of the last 24 h swept {total.max() / NMI**2:,.0f} nmi2. Each further "
+        "day has the same effort, as random search, in the best places on the map of "
         f"{notation.format_dtg(times[k])}"
         + (f"; {watches} watch{'es' * (watches != 1)} not counted" if watches else "")
     )

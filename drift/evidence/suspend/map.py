@@ -163,7 +163,7 @@ def _left(ax: Axes, suspension: Suspension) -> None:
     pos, never = suspension.cumulative[list(which)], suspension.never[list(which)]
     missed = (1 - pos) * (1 - never)
     parts = (
-        (pos, ALIVE, "", "cumulative POS: would have been found"),
+        (pos, ALIVE, "", "cumulative POS: probability of a find"),
         (missed, "#f3d9a4", "////", "searched and missed"),
         ((1 - pos) * never, "#ffffff", "....", "never in a searched area"),
     )
@@ -205,7 +205,7 @@ def _further(ax: Axes, suspension: Suspension) -> None:
     A plan has whiskers of two standard errors. Days on a fixed map have an unknown error beyond the
     sampling error, so whiskers would mislead.
     """
-    _prepare(ax, "Searching on from now")
+    _prepare(ax, "Further search from now")
     if not suspension.further:
         ax.set_axis_off()
         ax.text(
@@ -265,7 +265,7 @@ def _further(ax: Axes, suspension: Suspension) -> None:
     planned = (
         "the plan of plan.txt"
         if suspension.planned
-        else "each day as the last 24 h, map held: rough"
+        else "each day like the last 24 h, drift ignored: rough"
     )
     ax.text(
         0.02,

@@ -147,7 +147,7 @@ def _searched(suspension: Suspension) -> list[str]:
                 notation.percent(float(v[s]))
                 for v in (suspension.cumulative, suspension.prior, suspension.share)
             )
-            words = f'{by_now} had it been "{name}": {prior} probable at first, {posterior} now'
+            words = f'{by_now} if "{name}" is true: its probability was {prior} at first, and is {posterior} now'
             lines += paragraph(words, 3, 6)
     return lines
 
@@ -201,11 +201,11 @@ def _further(suspension: Suspension) -> list[str]:
         if suspension.mortal:
             row += f"{figure(end.alive, end.alive_error):>18}{notation.percent(end.waiting):>19}"
         lines.append(row)
-    lines += ["", *paragraph("Probabilities counted from now, each row with those above it.", 3)]
+    lines += ["", *paragraph("Probabilities from now on; each row includes the rows above it.", 3)]
     if not suspension.planned:
         lines += paragraph(
-            "It is a rough figure, neither a plan nor a bound: the map is held while the object drifts on and spreads, "
-            "which makes later days look better than they are. How much better is not known, so no errors are given. "
+            "It is a rough figure, neither a plan nor a bound: the map does not change while the object drifts on and spreads, "
+            "which makes later days look better than they are. The size of this effect is unknown, so no errors are given. "
             "Regular tracks find more than random search does, and effort cannot be divided without limit. drift plan "
             "makes a plan.",
             3,

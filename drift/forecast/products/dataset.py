@@ -17,10 +17,10 @@ from geo.array import Array
 from geo.cells import Cells
 
 AREA = "area: cell_area"
-COUNTED = "of resampled particles, that of the particles from which they descend"
+COUNTED = "for resampled particles, the value of the particles from which they descend"
 SUMMARY = (
-    "Probability of where an object at sea is over time, by cells, from weighted particles: what they drifted or steered, "
-    "what searches and contacts showed up to each time, areas that hold stated shares, and what became of the object."
+    "Probability of the position of an object at sea over time, by cells, from weighted particles that drift or steer. It includes "
+    "the evidence of searches and contacts up to each time, areas that hold stated shares, and the fate of the object."
 )
 SUMMED = "time: point area: sum"  # CF cell methods of a cell's probability at a time
 CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"
@@ -70,7 +70,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "probability_by_scenario": (
         ("time", "scenario", "lat", "lon"),
         {
-            "long_name": "probability of the scenario and of the object being in the cell; adds up to probability",
+            "long_name": "joint probability of the scenario and of the object in the cell; the sum over scenarios is probability",
             "units": "1",
             "cell_measures": AREA,
             "cell_methods": SUMMED,
@@ -106,7 +106,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "held_out": (
         ("time", "share"),
         {
-            "long_name": "share of the particles unseen by a map inside its region, calibrated on others",
+            "long_name": "share of held-out particles inside the region of a map, calibrated on others",
             "units": "1",
         },
     ),
@@ -147,8 +147,8 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         {
             "long_name": "effective number of worlds on the map; objects of a world share its unknowns",
             "units": "1",
-            "comment": "each world weighs as much as it has on the map at that time, so this differs from the number by "
-            "finds alone, of washup.nc",
+            "comment": "each world is weighted by its share of the map at that time, so this differs from the number in "
+            "washup.nc, which depends on the finds only",
         },
     ),
     "particles_per_kernel": (
@@ -169,7 +169,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "cells_per_kernel": (
         ("time",),
         {
-            "long_name": "bandwidth that suits the densest particles, in cells on which the map was smoothed",
+            "long_name": "best bandwidth for the densest particles, in cells of the smoothing grid",
             "units": "1",
         },
     ),
@@ -270,7 +270,7 @@ def build_dataset(
         coordinates["mapped_scenario"] = (
             "mapped_scenario",
             names,
-            {"long_name": "scenario, or all that have no map"},
+            {"long_name": "scenario; the last entry is all scenarios without a map"},
         )
     forecast = xr.Dataset(data, coordinates, {"summary": SUMMARY})
     if "effective_worlds" in forecast:
@@ -329,7 +329,7 @@ def _coordinates(
         "status": (
             "status",
             np.array([s.name.lower() for s in Status], object),
-            {"long_name": "what became of the object"},
+            {"long_name": "fate of the object"},
         ),
         "share": (
             "share",

@@ -152,7 +152,7 @@ def _contents(forecast: Forecast, setting: Setting, found: Sequence[OneScenario]
     classes = "effective_worlds" in forecast.data
     parts = [
         notation.format_dtg(forecast.data["time"].values[-1]),
-        "each class by itself, with its share"
+        "each class separately, with its share"
         if classes
         else "each as if it were true, with its probability",
         held,

@@ -186,7 +186,7 @@ def check_shard_start(
     The particles are drawn again, completely, when they are moved: storing them would cost more.
     For
     a million particles, drawing takes 0.24 s for positions and 0.61 s for everything; writing,
-    checking and reading 96 bytes each takes 0.4 s.
+    checking and reading 100 bytes each takes 0.4 s.
 
     Args:
         case: the case of the run.

@@ -101,7 +101,9 @@ def plot_processing(
     _legend(sheet_page.figure, 1 - (head_height - 0.43) / height)
     footnote = "Beams look R relative to their array, T true. " if lines else ""
     if hearing.beams > len(rows):
-        footnote += f"{hearing.beams - len(rows)} beams are not shown: never processed, or the least of them."
+        footnote += (
+            f"{hearing.beams - len(rows)} beams are not shown: never processed, or processed least."
+        )
     ax.text(
         1,
         -0.08 / top,

@@ -250,7 +250,7 @@ def _initial_ways(sea: Sea, time: Array, seed: int, many: int = TRIED) -> Ways:
     tried = ways.join_ways(feasible)
     if not len(tried):
         raise ValueError(
-            f"{sea.tow.name} has no way: none of {16 * many:,} from its start area keeps to its courses and its area, clear of "
+            f"{sea.tow.name} has no track: none of {16 * many:,} from its start area keeps to its courses and its area, clear of "
             "land, for half an hour"
         )
     return tried

@@ -98,7 +98,7 @@ def _course(lon: float, lat: float, to_lon: float, to_lat: float) -> float:
 def toml(plan: Any) -> str:
     """Return the planned watches as [[sortie]] tables for the case file."""
     parts = [
-        "# The watches of the plan. Append them to the case after they were kept and heard nothing."
+        "# The watches of the plan. Append them to the case if the ships kept them and heard nothing."
     ]
     for sortie in plan.sorties:
         points = [

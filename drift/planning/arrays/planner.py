@@ -129,7 +129,7 @@ def _best_placement(job: Job) -> tuple[Placement, Bound]:
         try:
             chosen = placement.best_ways(seas, tracks, seed, partial(job.tell, "plan"))
         except ValueError as error:
-            raise UserError(f'tow "{error.args[0].split(" has no way")[0]}": {error}') from None
+            raise UserError(f'tow "{error.args[0].split(" has no track")[0]}": {error}') from None
     with job.clock.phase("bound"):
         return chosen, placement_bound.bound(seas, tracks, chosen)
 

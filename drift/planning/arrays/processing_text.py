@@ -54,7 +54,7 @@ def processing_as_text(
             )
             lines += paragraph(f"{names.processors[processor]}: {what}", 6, 10)
         last = tuple(row)
-    left = f"What would add most on top of all this: {_left(allocation, hearing, names)}."
+    left = f"Choices that would add most: {_left(allocation, hearing, names)}."
     sections = [("WORTH", value), ("SLOTS", lines), ("NOT PROCESSED", paragraph(left, 3))]
     if notes[2:]:
         sections.append(("NOTES", [line for note in notes[2:] for line in paragraph(note, 3)]))
@@ -66,7 +66,7 @@ def worth(allocation: Allocation) -> str:
     value = f"Heard at least once: {_share_of(allocation.heard, allocation):.3f}"
     cost = allocation.heard - allocation.value
     if cost > 0:
-        value += f", {_share_of(allocation.value, allocation):.3f} less what the beams cost"
+        value += f", {_share_of(allocation.value, allocation):.3f} minus the cost of the beams"
     if allocation.exact:
         return f"{value}; no choice of beams is worth more (proved)"
     return f"{value}; no choice of beams is worth more than {_up(_share_of(allocation.bound, allocation)):.3f}"
@@ -120,8 +120,8 @@ def summary_of_processing(allocation: Allocation, hearing: Hearing, names: Names
 def pod(plan: Any) -> str:
     """Return one line with the POD of a ProcessingPlan, as a run would compute it."""
     return (
-        f"POD {notation.percent(plan.pod)} +- {notation.percent(plan.standard_error)} on the {plan.particles:,} tracks of the plan, fluctuations carried from "
-        "slot to slot"
+        f"POD {notation.percent(plan.pod)} +- {notation.percent(plan.standard_error)} on the {plan.particles:,} tracks of the plan; "
+        "fluctuations continue from slot to slot"
     )
 
 
@@ -134,7 +134,7 @@ def notes(plan: Any) -> list[str]:
     """Return the notes for readers of a plan, the POD first."""
     return [
         f"{pod(plan)}.",
-        f"All other numbers: each slot by itself, on the {plan.made_on:,} of these tracks on which beams were chosen.",
+        f"All other numbers treat each slot by itself, on {plan.made_on:,} of these tracks: those on which beams were chosen.",
         "Each slot by itself: as if no sensor had listened before. If levels fluctuate more slowly than slots change, gains, the "
         "probability by a slot's end, the bound and the alternatives are too high; POD is not. Beams of an array share its "
         "fluctuation: of those processed in a slot only the best counts. Different arrays miss independently.",

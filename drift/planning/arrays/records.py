@@ -70,7 +70,7 @@ class Allocation:
 
     processing: NDArray[np.intp]  # (slots, processors) beam; -1: idle
     heard: float  # weight that is heard at least once
-    value: float  # the same, less what the beams cost
+    value: float  # the same, minus the cost of the beams
     bound: float  # no choice of beams is worth more
     exact: bool  # whether this choice is proved to be the best
     # (slots, beams): weight that a beam adds to the other processed ones, before costs; NaN: it

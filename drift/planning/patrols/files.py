@@ -62,7 +62,7 @@ def patrol_text(plan: PatrolPlan, after: SpillResult, title: str, run: str, synt
         "Found: expected number of objects, without those that the public reports or removes before the patrol "
         "arrives; on a second visit, those that the first one missed and later arrivals.",
         "Unless it crosses water a team stays on one land mass, and its reach is measured over land.",
-        f"A stretch is visited at most {patrol_planner.VISITS} times, over its whole length. Ways between stretches are not counted. "
+        f"A stretch is visited at most {patrol_planner.VISITS} times, over its whole length. Travel between stretches is not included. "
         f"Stretches that would add under {100 * patrol_planner.TRIFLE:g} % to a patrol are left out.",
         "After the patrols append patrols.toml to the case, corrected to what was done, and each object found as a [[find]].",
     )
@@ -181,8 +181,8 @@ def toml(plan: PatrolPlan, after: SpillResult) -> str:
     """Return the plan as [[patrol]] tables for the case file."""
     used_names = {patrol.name for patrol in after.spill.patrols}
     parts = [
-        "# The plan's patrols. Append them to the case once they were made; say what was done: "
-        "stretches left out, the time, the",
+        "# The plan's patrols. Append them to the case after the patrols. Correct "
+        "what was done differently: stretches left out, the time, the",
         "# detection. Objects found are [[find]] tables with by = the patrol's name.",
     ]
     for slot, visits in patrol_planner.by_patrol(plan):

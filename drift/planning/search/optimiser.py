@@ -122,7 +122,7 @@ def plan(
     if not any(best):
         return Proposal((), 0.0, ())
     alone = _alone(crews, coarse, executed, rng)
-    ignoring = [("each unit where it alone finds most, ignoring the others", alone)]
+    ignoring = [("each unit at its own best place, ignoring the others", alone)]
     drawn_by_hand = ("patterns drawn by hand, one unit after the other", by_hand)
     others = [
         *(ignoring if len(crews) > 1 else []),

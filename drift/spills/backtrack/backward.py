@@ -474,9 +474,8 @@ def information_gain(origin: Origin) -> float:
 def nothing_new(origin: Origin) -> str:
     """Return the warning that the finds hardly change the prior."""
     return (
-        f"the finds add next to no information on the release ({information_gain(origin):.2f} bit): "
-        "place and time are those that [spill] gives, and no result of the finds; give a wider "
-        "area, or more finds"
+        f"the finds add almost no information about the release ({information_gain(origin):.2f} bit): "
+        "its place and time come from [spill], not from the finds; give a wider area, or more finds"
     )
 
 
@@ -508,8 +507,8 @@ def origin_dataset(origin: Origin) -> xr.Dataset:
         {
             "title": "Release of a spill, proposed by tracks back from its finds",
             "summary": (
-                "Where and when a spill may have been released, by cells and times: before and "
-                "after its finds."
+                "Probability of the place and time of a spill's release, by cells and times, before "
+                "and after its finds."
             ),
             "comment": "rough backtrack; confirm with a forward run",
             "worlds": origin.worlds,

@@ -31,7 +31,7 @@ from geo import notation
 from geo.array import Array
 
 CAVEAT = (
-    "Backtrack: proposes where to look; objects not found are not used. "
+    "Backtrack: proposes places to look at; it does not use objects that were not found. "
     "The answer is a forward run with this release as its prior, weighted by all finds."
 )
 LINES = layers.lines((0.5, 0.9))

@@ -605,7 +605,7 @@ def _posterior_given(
     if not np.isfinite(log_likelihood).any():
         fewest = min(sum(counts) for counts in counted)
         raise UserError(
-            f"{fewest} objects were found, but not so many of their classes were spilled "
+            f"{fewest} objects were found, but fewer of their classes were spilled "
             f"({numbers.objects.max()} in all); raise [spill] objects, or give finds a "
             "probability of being false"
         )

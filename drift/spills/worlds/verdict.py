@@ -110,9 +110,8 @@ def odd_find_warnings(told: Sequence[Row]) -> list[str]:
     return [
         f'find {row["number"]} "{row["name"]}" ({notation.format_dtg(row["time"])}, {row["position"]}, '
         f"{row['stretch']}) is unlikely: "
-        f"the chance of a find there was {notation.percent(row['probability_beforehand'])}, at "
-        "places at "
-        f"most as likely {notation.percent(row['tail'])}; {false_find_in_words(row)}; check it, or set false = 0.1"
+        f"the chance of a find there was {notation.percent(row['probability_beforehand'])}, "
+        f"there or at less likely places {notation.percent(row['tail'])}; {false_find_in_words(row)}; check it, or set false = 0.1"
         for row in told
         if row["odd"]
     ]

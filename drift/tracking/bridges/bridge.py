@@ -165,7 +165,7 @@ def _check(lon: Array, lat: Array, time: Array, spread_rate: float, covariance: 
         k = int(np.argmin(steps > 0))
         when = "at the time of" if steps[k] == 0 else f"{-steps[k] / 3600:g} h before"
         raise ValueError(
-            f"way point {k + 2} is reached {when} way point {k + 1}; way points stand in order of time"
+            f"way point {k + 2} is reached {when} way point {k + 1}; give way points in order of time"
         )
     if not 0 <= spread_rate < np.inf:
         raise ValueError(f"spread rate {spread_rate!r} must be at least 0 m/sqrt(s), and finite")

@@ -86,7 +86,7 @@ def through(name: str, lon_deg: npt.ArrayLike, lat_deg: npt.ArrayLike) -> Line:
     if not 1.0 < apart < np.pi * sphere.RADIUS - 1.0:
         raise ValueError(
             f'line "{name}": its positions are {"one place" if apart < PART else "opposite each other"}; '
-            "a great circle goes through two places that are neither"
+            "give two positions that are neither the same nor opposite"
         )
     return Line(name, lon, lat)
 

@@ -232,11 +232,11 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
     if count < FEWEST:
         raise UserError(
             f"{what}: {counted(count, 'comparison')} of a fix with those beside it: too few to fit a spread rate to; {FEWEST} or more "
-            f"are needed, each of three fixes one after another that count (there are {counted(sum(s.time.size for s in of), 'fix', 'fixes')} in "
+            f"are needed, each of three consecutive fixes (there are {counted(sum(s.time.size for s in of), 'fix', 'fixes')} in "
             f"{counted(len(of), 'stretch', 'stretches')}); see --every, --max-gap, --min-speed"
         )
     guess = method.guess(data)
-    straight = f"{what}: nothing strays from the straight way between its fixes: there is no spread rate to fit"
+    straight = f"{what}: no track leaves the straight line between its fixes: there is no spread rate to fit"
     if guess < ROUNDING:
         raise UserError(straight)
 
@@ -254,7 +254,7 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
             raise UserError(straight)
         described = "that was fitted" if error is None else f"of {error:g} m (standard deviation)"
         raise UserError(
-            f"{what}: the error of the fixes {described} explains all that they stray by: no spread rate is left; give a smaller "
+            f"{what}: the error of the fixes {described} explains all of their deviation: no spread rate remains; give a smaller "
             "--error, or take fixes farther apart (--every)"
         )
     free = [0, 1] if error is None and point[1] > math.log(NOTHING * _lengths(of)) else [0]
@@ -345,7 +345,7 @@ def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Hel
     parts = [[stretch for stretch in of if stretch.name in set(names[side::2])] for side in (0, 1)]
     if not parts[1]:
         raise UserError(
-            "--hold-out: one track counts, and nothing is left to hold out; leave it out, or give more tracks"
+            "--hold-out: there is only one usable track, so none can be held out; remove --hold-out, or give more tracks"
         )
     halves, squares, tracks, days = [], [], [], []
     for side in (0, 1):
@@ -359,7 +359,7 @@ def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Hel
         others = neighbours.triples(parts[1 - side])
         if not others.time.size:
             raise UserError(
-                "--hold-out: in half of the tracks none has three fixes one after another that count; leave it out"
+                "--hold-out: in one half no track has three consecutive fixes; remove --hold-out"
             )
         squares.append(within(others, best.spread_rate, best.error))
         tracks.append(2 * others.name + side)

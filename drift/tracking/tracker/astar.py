@@ -112,7 +112,7 @@ def cheapest(
                 paid[step + 1, there] = total
                 before[step + 1, there] = cell
                 heapq.heappush(waiting, (total + left, step + 1, there))
-    raise ValueError("there is no way: what is closed lies between, or it is too far for the time")
+    raise ValueError("there is no path: closed cells lie between, or it is too far for the time")
 
 
 def _between(move: Array) -> Array:

@@ -202,7 +202,7 @@ def charted(asked: Pursuit, barrier: Barrier | None) -> Chart:
 def _no_way(asked: Pursuit) -> str:
     """Return the message that there is no path."""
     return (
-        f"there is no way on cells of {grid(asked).size / NMI:.2g} nmi, a quarter of a step (a shorter one has finer cells): "
+        f"there is no path on cells of {grid(asked).size / NMI:.2g} nmi, a quarter of a step (a shorter one has finer cells): "
         "land lies between, or it is too far for the time"
     )
 

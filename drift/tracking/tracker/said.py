@@ -95,11 +95,11 @@ def _sensor(sensor: Sensor, written: bool) -> str:
     )
     words = f"to {notation.number(sensor.reach / NMI)} nmi, range +- {notation.hundredths(sensor.range_share)} %, {bearing}"
     if sensor.hears:
-        return f"{words}; hears what radiates, its silence is no evidence"
+        return f"{words}; hears a radiating target, its silence is no evidence"
     words = f"{words}; sweeps every {notation.number(sensor.interval)} s, {_on(sensor.on)}"
     silent = written and sensor.on.begin < math.inf
     return words + (
-        f"; its silence counts from {notation.format_duration(sensor.grace)} off a plot within its reach"
+        f"; its silence is evidence only {notation.format_duration(sensor.grace)} or more from a plot within its reach"
         if silent
         else ""
     )

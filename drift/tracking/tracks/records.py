@@ -206,7 +206,7 @@ def words_for_spells(tracks: Sequence[Track], aground: Sequence[Array]) -> str:
         f"{track.name} from {np.datetime64(int(track.time[first]), 's')}Z"
         for track, first in firsts
     ]
-    return f"spells of {AGROUND / 3600:g} h or more within {STILL:g} m, of {BRIEF / 3600:g} h beside a shore: {_listed(names)}"
+    return f"{AGROUND / 3600:g} h or more within {STILL:g} m, {BRIEF / 3600:g} h near a shore: {_listed(names)}"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -57,7 +57,7 @@ def test_corridors_are_drawn_where_particles_may_be(lon: float, lat: float) -> N
     overlay.draw(ax, frame)
     assert [len(line) > 5 for line in overlay.places["the lanes"]] == [True, True]
     assert [text for _, text in overlay.key] == [
-        "Lane; an arrow where it is one-way",
+        "Lane; an arrow if it is one-way",
         "Its corridor",
     ]
     (wash,) = (patch for patch in ax.patches if isinstance(patch, PathPatch))

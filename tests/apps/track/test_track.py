@@ -165,7 +165,7 @@ def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(
         assert isinstance(found.chased, Chased)
         place, time = map._tracker_positions(found)
         assert time[-1] == end
-        assert "planned on what was known" not in text.track_facts(found).get(
+        assert "uses only detections up to" not in text.track_facts(found).get(
             "warning", ""
         )  # of legs, which are no log
         went = EARTH.inv(-77, 14, *(float(x) for x in path.degrees(place[-1])))[2]

@@ -116,7 +116,7 @@ def test_no_path_crosses_land_from_or_to_harbours_either(box: Box, least: int) -
             assert not ashore(one, other)
         assert k % 2 == 0 or EARTH.inv(*places[-1], *to)[2] < 0.01
         found[k % 2] += 1
-    assert all("there is no way on cells of" in words for words in refused)
+    assert all("there is no path on cells of" in words for words in refused)
     assert sum(found) >= least
 
 
@@ -292,7 +292,7 @@ def test_a_pursuit_that_cannot_be_is_one_line(
                 "pursuit.speed": "65 kn",
                 "pursuit.begin": "75 min",
             },
-            "there is no way on cells of 2.7 nmi, a quarter of a step (a shorter one has finer cells): "
+            "there is no path on cells of 2.7 nmi, a quarter of a step (a shorter one has finer cells): "
             "land lies between, or it is too far for the time",
             marks=pytest.mark.thorough,
         ),

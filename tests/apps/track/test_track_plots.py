@@ -319,7 +319,7 @@ def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_pat
             end = "050059ZMAR26" if until == "+59 min" else "050100ZMAR26"
             # the whole of the log is drawn
             assert map._tracker_positions(track)[1][-1] == (3540 if until == "+59 min" else 3600)
-            late = f"known at its start, 050030ZMAR26, but the tracker's log continues until {end}: looks since then only affect the track"
+            late = f"detections up to its start, 050030ZMAR26, but the tracker's log continues until {end}: looks since then only affect the track"
             assert (late in text.track_facts(track).get("warning", "")) == bool(more)
         told = json.loads((tmp_path / until / "summary.json").read_text(encoding="utf-8"))
         assert told["inputs"] == f"d.csv: sha256:{hashlib.sha256(rows.encode()).hexdigest()}"

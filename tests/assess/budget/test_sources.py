@@ -49,6 +49,41 @@ def test_errors_are_off_one_by_one(tmp_path: Path) -> None:
     assert off.current_error == case.current_error
 
 
+REPORTS = [
+    {"wind": {"speed": "28 kn", "from": 240}, "at": "27 33N 087 50W", "time": "+1 h", "error": "3 kn"},
+    {"current": {"speed": "0.9 kn", "toward": 20}, "at": "27 31N 088 01W", "time": "+2 h", "error": "0.1 kn"},
+]  # fmt: skip
+CHANGE = {"name": "swamped", "rate": "0.2/h", "object": "PIW-1"}
+
+
+def test_what_is_seen_on_scene_goes_with_its_error(tmp_path: Path) -> None:
+    errors = {"current": {"std": 0.2, "time": "3 h"}, "wind": {"std": 2, "time": "4 h"}}
+    wind = {"constant": {"speed": "20 kn", "toward": 30}}
+    scenario = {"object": "LIFE-RAFT-DB-10", "change": [CHANGE]}
+    case = trial_case.load(
+        tmp_path, uncertainty=errors, wind=wind, scenario=scenario, report=REPORTS
+    )
+    where = run_setup.open_for(case)
+    keys = [source.key for source in sources.present_sources(case, where)]
+    assert keys == ["start", "current", "wind", "leeway", "changes", "side"]
+    for off, left in (
+        (set(), ["wind", "current"]),
+        ({"current"}, ["wind"]),
+        ({"wind"}, ["current"]),
+        ({"current", "wind", "changes", "leeway"}, []),
+    ):
+        changed = sources.case_without(case, off)
+        assert [report.quantity for report in changed.reports] == left
+        run_setup.prepare(changed, where).scene.forcing.close()
+    assert changed.scenarios[0].changes == ()
+    assert not changed.current_error.tailed
+    (midway,) = sources.case_without(case, {"side"}).scenarios
+    assert all(one.right.slope == one.left.slope for one in midway.objects)
+    (mean,) = sources.case_without(case, {"leeway"}).scenarios
+    assert {drifter.down.std for drifter in mean.objects} == {0.0}
+    assert len(mean.objects) == 2
+
+
 def started(case: drift.Case, off: set[str]) -> Any:
     where = run_setup.open_for(case)
     begin = run_setup.prepare(case, where)

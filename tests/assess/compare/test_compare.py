@@ -158,7 +158,7 @@ def test_files_hold_what_was_found(
                 )
                 assert float(data["figure_error"][k]) == figure["standard_error"]
     assert summary["a"]["run"]["seed"] == summary["b"]["run"]["seed"]
-    assert "mean of B from that of A" in (out / "compare.txt").read_text()
+    assert "mean of B relative to that of A" in (out / "compare.txt").read_text()
     assert cli.main([*words, "--out", str(out)]) == 2  # no result is overwritten unless asked
     assert cli.main(words[:2]) == 2
     assert "nothing to compare with" in capsys.readouterr().err

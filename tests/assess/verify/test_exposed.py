@@ -115,7 +115,7 @@ def test_where_a_track_ends_does_not_depend_on_what_comes_after(shore):
             assert distance[size - 1] < 1.3 * reach
             assert track.time[size - 1] <= begin + FIX * (size - 1)
     assert (
-        "fixes left out aground, of spells of 12 h or more within 200 m, of 3 h beside a shore: "
+        "fixes left out because the drifter was aground: 12 h or more within 200 m, 3 h near a shore: "
         in first.notes[0]
     )
     left = sum(track.time.size for track in tracks) - sum(kept.values()) - (60 - len(kept))

@@ -110,6 +110,10 @@ def test_skill_and_separation_without_errors(tmp_path):
         assert made.skill[n] == pytest.approx(
             1 - separation.sum() / way.sum(), abs=2.0 * 6 / way.sum() * 2
         )
+        assert made.staying[n] == pytest.approx(
+            1 - persistence.sum() / way.sum(), abs=2.0 * 6 / way.sum() * 2
+        )
+        assert made.energy[n] == pytest.approx(separation[[1, 3, 5]], abs=1.0)
     assert (made.containment > 0.999).all()  # far outside
     # the current goes faster, and a drifter that heads less to the south lies to the left of it
     u, v = EAST / math.hypot(EAST, NORTH), NORTH / math.hypot(EAST, NORTH)
@@ -120,6 +124,7 @@ def test_skill_and_separation_without_errors(tmp_path):
     told = verification_text.verification_facts(made)
     assert ("left" in told["rank across the drift"]) == (right < 0)
     assert ("slower" in told["rank along the drift"]) == (ahead < 0)
+    assert "lower density than if it were uniform over" in told["after 18 h, scores"]
 
 
 def test_containment_is_uniform_whatever_the_law():
@@ -261,6 +266,11 @@ def test_the_command_writes_results_that_are_whole(tmp_path, capsys):
         )
         share = float((stored["containment"][:, -1] <= 0.9).mean())
     assert summary["leads"][-1]["held"]["90%"]["mean"] == pytest.approx(share)
+    for name in ("energy_score_m", "log_score_per_km2"):
+        own = [float(row[name]) for row in listed if row["lead_h"] == "24"]
+        assert summary["leads"][-1][name]["mean"] == pytest.approx(np.mean(own), rel=1e-4)
+    assert "energy score" in said
+    assert "SS*" in said
     assert share == pytest.approx(
         np.mean([float(row["containment"]) <= 0.9 for row in listed if row["lead_h"] == "24"])
     )
@@ -326,7 +336,9 @@ def test_lost_probability_is_not_judged():
 def test_skill_of_liu_and_weisberg():
     """1 - (sum of separations / sum of ways so far), by hand; never below 0."""
     assert scores.skill(np.array([1.0, 3.0, 2.0]), np.array([4.0, 6.0, 10.0])) == pytest.approx(0.7)
-    assert scores.skill(np.array([10.0, 30.0, 2.0]), np.array([4.0, 6.0, 10.0])) == 0
+    far = np.array([10.0, 30.0, 2.0])
+    assert scores.skill(far, np.array([4.0, 6.0, 10.0])) == 0
+    assert scores.unclipped_skill(far, np.array([4.0, 6.0, 10.0])) == pytest.approx(-1.1)
 
 
 def test_columns_stand_for_forcing_that_the_case_does_not_have(tmp_path, capsys):

@@ -167,7 +167,7 @@ BAD = {
     ),
     "distress without an object": (
         STORY + 'distress = { rate = "0.01/h" }\n' + VOYAGE.format('departure = "+1 h"') + STILL,
-        'scenario "one": object is missing: what drifts?',
+        'scenario "one": object is missing: give the object that drifts',
     ),
     "an object without distress": (
         STORY + 'object = "SKIFF-1"\n' + VOYAGE.format('departure = "+1 h"'),

@@ -78,7 +78,7 @@ def test_the_way_from_one_voyage_to_the_next_is_held_against_land(tmp_path: Path
     )
     (line,) = on_an_island(tmp_path, STORY + first + second)
     assert line.startswith(
-        'scenario "one".phase 1: the way from its end to where phase 2 begins, 2.4 nmi wide, touches land'
+        'scenario "one".phase 1: the track from its end to the start of phase 2, 2.4 nmi wide, touches land'
     )
     assert (
         on_an_island(

@@ -329,10 +329,10 @@ REFUSED = {
     "unknown": (PLAIN, "parameters = { a = 1 }", 'parameters: "a" is unknown; own.py takes none'),
     "negative": (PLAIN, "parameters = { a = { mean = 1, std = -1 } }", "parameters.a.std"),
     "a unit": (PLAIN, 'parameters = { a = "80 m" }', "parameters.a: '80 m' must be a number without a unit, as the Python file expects it"),
-    "no waves": (PLAIN.replace("return wind", "return wind + waves"), "", "own.py takes waves and there are none: add [[stokes]], their Stokes drift"),
+    "no waves": (PLAIN.replace("return wind", "return wind + waves"), "", "own.py uses waves, and the case has none: add [[stokes]], their Stokes drift"),
     "no waves in a branch": (
         f"{GIVEN}    if wind[0] > 0:\n        waves = wind * 0.01\n    return current + waves\n", "",
-        "own.py takes waves and there are none",
+        "own.py uses waves, and the case has none",
     ),
     "an object too": (PLAIN, 'object = "PIW-1"', 'motion = "own.py" determines its drift; leave object out'),
     "jibing": (PLAIN, "jibe = 0.1", 'jibe belongs to leeway, and motion = "own.py" has none; leave jibe out'),

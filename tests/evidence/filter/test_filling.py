@@ -184,7 +184,7 @@ radius = "6 nmi"
     assert not any("effective after" in warning for warning in result.summary["warnings"])
     assert any("track is lost" in warning for warning in result.summary["warnings"])
     assert any(
-        'after contact "second"' in w and "a heuristic, no posterior" in w
+        'after contact "second"' in w and "a heuristic, not a posterior" in w
         for w in result.summary["warnings"]
     )
 
@@ -196,7 +196,7 @@ radius = "6 nmi"
         ("below = 0.3", "", "needs 0 < bulk <= below"),
         ('method = "METHOD"', "", "bulk and fastest: only for method"),
         ('far = "22 nmi"', 'far = "22 nmi"', ""),
-        ("clock.step = STEP", "clock.step = 420", "a step has to end at each"),
+        ("clock.step = STEP", "clock.step = 420", "a step must end at each"),
         (
             'speed = ["14 kn", "24 kn"] }',
             'speed = "9 kn", until = "+40 min" }',

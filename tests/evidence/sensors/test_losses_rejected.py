@@ -30,7 +30,7 @@ BAD: dict[str, tuple[Table, dict[str, Any], str]] = {
     "sign": (Table(values=-WHOLE), {}, "all losses are negative, .* their sign is reversed"),
     "no dB by units": (Table(units={"tl": "Pa"}), {}, 'the transmission loss is in "Pa"; allowed is dB'),
     "dB/km": (Table(units={"tl": "dB/km"}), {}, 'the transmission loss is in "dB/km"; allowed is dB'),
-    "no dB by values": (Table(values=WHOLE * 0 + 0.08), {}, "a loss of 0.08 is no loss in dB, whose largest is at least 20"),
+    "no dB by values": (Table(values=WHOLE * 0 + 0.08), {}, "a loss of 0.08 cannot be in dB, where the largest is at least 20"),
     "undeclared fill": (Table(values=np.where(WHOLE.max() == WHOLE, 9999.0, WHOLE)), {}, "9999 dB; allowed are 0 to 500"),
     "no circle": (Table(bearing=np.arange(0.0, 181, 15)), {}, "between the bearings 180 and 0 degrees: a gap of 180"),
     "a radial forgotten": (

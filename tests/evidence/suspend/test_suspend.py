@@ -327,7 +327,7 @@ def test_days_on_a_held_map_bear_no_error_and_no_panel_is_empty(
         suspend_map.plot_suspension(some, tmp_path / "suspend.png", imprint=Imprint("Title"))
         axes = drawn[-1].axes
         assert [ax.get_title(loc="left") for ax in axes] == [
-            *(["Probability of being alive"] if mortal else []), "Searched so far", "Searching on from now"
+            *(["Probability of being alive"] if mortal else []), "Searched so far", "Further search from now"
         ]  # fmt: skip
         assert any(isinstance(one, ErrorbarContainer) for one in axes[-1].containers) == planned
         notes = " ".join(text.get_text() for text in drawn[-1].texts)

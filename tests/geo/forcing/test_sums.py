@@ -323,7 +323,7 @@ def test_each_term_must_last_as_long_as_the_run_and_its_holes_are_told(
         (
             RESIDUAL + TIDE,
             '["tide"]',
-            r'all of these have add = true; name what they are added to as well: "residual"',
+            r'all of these have add = true; also name the sources to which they are added: "residual"',
         ),
         (
             RESIDUAL + TIDE,

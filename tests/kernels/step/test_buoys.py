@@ -8,7 +8,7 @@ from scipy import stats
 
 from drift.engine.particles.status import Status
 from geo import sphere
-from kernels.runtime import runtime
+from kernels.runtime import launch, runtime
 from kernels.step import buoys
 
 N, BUOYS, STATES, SCENARIOS, MEMBERS, STEPS = 60, 2, 8, 2, 3, 4
@@ -76,10 +76,14 @@ def share(
         "wind_keep": KEEP[1], "current_length": LENGTHS[0], "wind_length": LENGTHS[1],
         "members": MEMBERS, "worlds": 0, "begins": 0, "ahead": AHEAD, **numbers,
     }  # fmt: skip
-    buoys.share_errors(
-        0, N, *ints, lon, lat, own, z, runtime.empty(2 * (STATES + BUOYS) * N), shared, *flat,
-        runtime.upload(places.ravel()), buoys.Numbers(**words), row, 77, END, 5, 9,
-    )  # fmt: skip
+    moves, kicks, means, mixes = flat
+    order = runtime.upload(np.tile(np.arange(STATES, dtype=np.int32), STEPS + 1))
+    particles = launch.pack(buoys.Particles, *ints[1:], lon, lat, own, z, shared)
+    tables = launch.pack(
+        buoys.Tables, moves, kicks, order, means, mixes, runtime.upload(places.ravel())
+    )
+    numbers = buoys.Numbers(**words)
+    buoys.share_errors(N, ints[0], particles, tables, numbers, row, 77, END, (5, 9))
     moved = z.to_numpy()[: 2 * STATES * N].reshape(STATES, 2, N)
     return moved, shared.to_numpy().reshape(6, N), own.to_numpy().reshape(6, N)
 

@@ -1,4 +1,4 @@
-"""Drifting buoys in runs of several shards: searched, in ensembles of the current, in spills."""
+"""Buoys and reports in runs of several shards: searched, in ensembles of the current, in spills."""
 
 from pathlib import Path
 
@@ -20,6 +20,18 @@ track = "windy.csv"
 windage = "2 %"
 error = "40 m"
 """
+REPORTS = """
+[[report]]
+current = { speed = "0.9 kn", toward = 75 }
+at = [-0.03, -0.02]
+time = "2026-11-20T23:20Z"
+error = "0.1 m/s"
+[[report]]
+wind = { speed = "15 kn", from = 238 }
+at = [-0.04, 0.05]
+time = "2026-11-21T01:05Z"
+error = "2 kn"
+"""
 
 
 def write_tracks(folder: Path, begin: str, minutes: list[int]) -> None:
@@ -37,10 +49,10 @@ def write_tracks(folder: Path, begin: str, minutes: list[int]) -> None:
 
 
 def with_buoys(folder: Path) -> drift.Case:
-    """Return the case that stands in a folder, with two buoys."""
+    """Return the case that stands in a folder, with two buoys and two reports."""
     write_tracks(folder, "2026-11-21T00:10", [0, 20, 45, 90, 150, 170])
     path = folder / "case.toml"
-    path.write_text(path.read_text() + BUOYS)
+    path.write_text(path.read_text() + BUOYS + REPORTS)
     return drift.load(path)
 
 
@@ -52,6 +64,7 @@ def test_the_same_bits_in_shards(tmp_path: Path, members: bool) -> None:
     whole = drift.run(case)
     shards.same(whole, drift.run(case, shards=3))
     assert len(whole.summary["drifters"]["buoys"]) == 2
+    assert len(whole.summary["reports"]["reports"]) == 2
 
 
 @pytest.mark.thorough
@@ -66,11 +79,11 @@ def test_the_same_bits_in_a_search_in_shards(tmp_path: Path) -> None:
 
 
 def spilled(folder: Path) -> drift.Case:
-    """Return a spill with two buoys."""
+    """Return a spill with two buoys and a report of the current."""
     write_tracks(folder, "2026-11-21T00:00", [0, 60, 120, 180, 240])
     (folder / "land.geojson").write_text(spills.SHORE)
     text = spills.CASE.format(
-        more=BUOYS.replace('windage = "2 %"', ""),
+        more=BUOYS.replace('windage = "2 %"', "") + REPORTS[: REPORTS.rindex("[[report]]")],
         duration="1 d",
         objects=60,
         worlds=240,
@@ -98,6 +111,9 @@ def test_the_objects_of_a_world_share_one_course_of_the_errors(tmp_path: Path) -
     for moment in simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([3600])):
         assert moment.elapsed == 3600
     begin.scene.forcing.close()
+    buoys = begin.scene.buoys
+    (sight,) = buoys.sights
+    np.testing.assert_allclose(buoys.places[:, sight.place] - [-0.03, -0.02], 0, atol=1e-12)
     world = begin.ensemble.world.to_numpy()
     states = np.stack(
         [begin.ensemble.own[f"buoy_state_0_{side}"].to_numpy() for side in ("east", "north")]

@@ -308,7 +308,7 @@ def test_without_a_plan_one_goes_from_the_middle_within_the_sector():
 
 def test_a_ship_that_cannot_go_anywhere_says_so():
     sea = ways.sea(ship(1, allowed=box(200, 200, 210, 210)), BEGIN, BEGIN + 18 * 3600)
-    with pytest.raises(ValueError, match="ship has no way"):
+    with pytest.raises(ValueError, match="ship has no track"):
         placement.best_ways([sea], tracks(1, m=500), 1)
 
 

@@ -136,5 +136,5 @@ def test_a_ship_without_a_way_is_named(tmp_path):
         'speed = "4 kn"\ncourses',
         'allowed = { polygon = ["10N 10W", "10N 9W", "9N 9W"] }\nspeed = "4 kn"\ncourses',
     )
-    with pytest.raises(UserError, match='tow "one": one has no way'):
+    with pytest.raises(UserError, match='tow "one": one has no track'):
         drift.place(load(tmp_path, text))

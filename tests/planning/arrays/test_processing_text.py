@@ -64,11 +64,11 @@ def test_what_a_processor_does_that_works_on_nothing() -> None:
     text = processing_text.processing_as_text(found, hearing, names, "Four beams", "abc-s1")
     assert "P1: idle: no beam adds anything" in text
     assert "P1: off" in text
-    assert "What would add most on top of all this: no beam." in text
+    assert "Choices that would add most: no beam." in text
     assert processing_text.csv(found, hearing, names, "x").count("\n") == 1
     hearing, found, names = made(cost=np.full((2, 4), 0.3))
     assert processing_text.worth(found).startswith(
-        "Heard at least once: 0.525, 0.375 less what the beams cost"
+        "Heard at least once: 0.525, 0.375 minus the cost of the beams"
     )
 
 

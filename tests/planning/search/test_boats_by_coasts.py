@@ -90,7 +90,7 @@ def test_arrival_is_never_early_and_hardly_late(norway: np.ndarray) -> None:
 def test_a_base_far_from_the_sea_is_refused_and_one_near_it_is_not(norway: np.ndarray) -> None:
     with pytest.raises(
         ValueError,
-        match=r"no way by sea leads from 60-30.0N 005-57.0E .* nmi away, and it may be 1 nmi",
+        match=r"no route by sea leads from 60-30.0N 005-57.0E .* nmi away; at most 1 nmi is allowed",
     ):
         courses.prepare(
             boat(base=(5.95, 60.50), return_to=(5.95, 60.50)), lambda box: norway, np.array([OUT])

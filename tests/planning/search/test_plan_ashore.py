@@ -59,7 +59,7 @@ def test_legs_are_spent_on_what_is_afloat(tmp_path: Path) -> None:
     assert made.pos_ashore < 0.3 / 10
     assert not task.sortie.ashore
     words = text.stranded(made)
-    assert "this plan covers only what is afloat" in words
+    assert "this plan covers only objects afloat" in words
     assert " ".join(words.split()[:5]) in " ".join(
         (tmp_path / "out" / "plan.txt").read_text().split()
     )

@@ -248,7 +248,7 @@ def test_a_boat_that_cannot_get_there_is_said_by_name(tmp_path: Path) -> None:
     made, _ = planner.plan(place(tmp_path, few))
     assert made.idle == ("boat",)
     assert any(
-        words.startswith("boat is not sent: no way by sea leads from 20-01.2N 179-47.2E")
+        words.startswith("boat is not sent: no route by sea leads from 20-01.2N 179-47.2E")
         for words in made.said
     )
 

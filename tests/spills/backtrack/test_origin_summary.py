@@ -92,5 +92,5 @@ def test_finds_that_say_nothing_beyond_the_prior_are_said_to() -> None:
             told
         )
         assert any(
-            "next to no information" in words for words in backward.origin_warnings(told)
+            "almost no information" in words for words in backward.origin_warnings(told)
         ) == (exact < backward.LITTLE)

@@ -290,7 +290,7 @@ def test_what_stays_at_its_place_loiters() -> None:
     [
         (
             {"time": [0.0, 0.0]},
-            "way point 2 is reached at the time of way point 1; way points stand",
+            "way point 2 is reached at the time of way point 1; give way points in order",
         ),
         ({"time": [9e4, 0.0]}, "way point 2 is reached 25 h before way point 1"),
         ({"spread_rate": -1.0}, "at least 0"),

@@ -344,7 +344,7 @@ def test_fit_bridge_prints_k_and_a_line_of_a_case(
         (None, ["--every", "-6 h"], '--every "-6 h" must be above 0'),
         (None, ["--error", "-3 m"], '--error "-3 m" must be from 0 to 20,000 km'),
         (None, ["--error", "some"], 'or write "fit"'),
-        (None, ["--error", "60 nmi"], "explains all that they stray by"),
+        (None, ["--error", "60 nmi"], "explains all of their deviation"),
         (None, ["--without", "3,50"], "must be west,south,east,north"),
         (None, ["--without", "3,50,5,40"], "south is below north"),
         (None, ["--by", "horne"], "invalid choice"),

@@ -86,7 +86,7 @@ def test_the_way_is_the_cheapest_and_its_guide_never_too_dear(seed: int, to: Cel
     open_ = np.broadcast_to(~shut, guide.shape)
     assert (guide[open_] <= exact[open_] + 1e-9).all()
     if not np.isfinite(exact[0][start]):
-        with pytest.raises(ValueError, match="there is no way"):
+        with pytest.raises(ValueError, match="there is no path"):
             astar.cheapest(cost, 2, start, to, closed, gates)
         return
     way = astar.cheapest(cost, 2, start, to, closed, gates)

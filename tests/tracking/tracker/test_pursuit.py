@@ -184,7 +184,7 @@ def test_a_destination_in_the_cell_of_the_begin_is_gone_to_straight_on_or_not_at
     question = asked(aim="avoid", to=tuple(np.radians([lon, lat])))
     ways = np.broadcast_to(path.vector([LON], [LAT]), (10, 1, 3))
     with (
-        pytest.raises(ValueError, match=r"no way on cells of 0\.83 nmi")
+        pytest.raises(ValueError, match=r"no path on cells of 0\.83 nmi")
         if between
         else nullcontext()
     ):

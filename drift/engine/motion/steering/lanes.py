@@ -246,7 +246,7 @@ def between(network: Network, a: int, b: int) -> int:
         return int(found[0])
     here, there = network.name[a], network.name[b]
     if a == b:
-        raise ValueError(f'route: "{here}" follows itself; name each node once where it is passed')
+        raise ValueError(f'route: "{here}" is listed twice in a row; name it once')
     said = f'route: no lane from "{here}" to "{there}"'
     if ((start == b) & (end == a)).any():
         said += f', as that from "{there}" to "{here}" is one-way'

@@ -39,17 +39,17 @@ _COLUMNS = (
         "to_time", np.int32, NEVER, "s", "when it reaches its next way point, or changes its course"
     ),
     Column("phase_end", np.int32, NEVER, "s", "when its phase ends, if a time limits it"),
-    Column("course", np.float32, 0, "rad", "its course, where it keeps one, clockwise from north"),
-    Column("speed", np.float32, 0, "m/s", "its speed, where one is drawn"),
+    Column("course", np.float32, 0, "rad", "its course, if it keeps one, clockwise from north"),
+    Column("speed", np.float32, 0, "m/s", "its speed, if one is drawn"),
     Column(
         "set_lon",
         np.int32,
         0,
         "binary angle",
-        "how far the current has set it east of its dead-reckoned place",
+        "distance east of its dead-reckoned place, caused by the current",
     ),
     Column("set_lat", np.int32, 0, "binary angle", "the same, north"),
-    Column("set_rate_lon", np.float32, 0, "binary angle/s", "how fast it sets it east"),
+    Column("set_rate_lon", np.float32, 0, "binary angle/s", "speed of that set, east"),
     Column("set_rate_lat", np.float32, 0, "binary angle/s", "the same, north"),
 )
 COLUMNS = tuple(replace(column, array=_ARRAYS[column.name]) for column in _COLUMNS)

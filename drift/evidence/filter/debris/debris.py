@@ -91,7 +91,7 @@ def of_contacts(
         number = len(debris) + 1
         # Debris drifts, whatever the motion model of its object.
         drifting = tuple(
-            replace(s, object=drifter, model="drift", motion=None, itinerary=None)
+            replace(s, object=drifter, model="drift", motion=None, itinerary=None, changes=())
             for s in spec.scenarios
         )
         own = replace(spec, scenarios=drifting, guiding=finds)
@@ -109,7 +109,7 @@ def of_contacts(
             own_release, theirs = ensemble.release.to_numpy(), beside.release.to_numpy()
             later = np.isin(beside.scenario.to_numpy(), steered)
             ensemble.release.from_numpy(np.where(later, theirs, own_release))
-        place = scene.place._replace(debris=number)
+        place = scene.place._replace(debris=number, changes=())
         moved = replace(
             scene, motions=models.motions(own.errors, own.scenarios), place=place, steering=None
         )

@@ -205,14 +205,14 @@ def _explained(updates: Updates) -> str:
             return "After several unlikely reports in a row, one of them may be false, or the scenario wrong."
         return "Cumulative POS: probability that the sorties so far would have found the object."
     factor = (
-        "Bayes factor: the observation is that many times as probable under the scenario as under the others together; "
-        "to 3 weak, to 20 positive, to 150 strong."
+        "Bayes factor: probability of the observation under the scenario, divided by that under all others; "
+        "up to 3 weak, up to 20 positive, up to 150 strong."
     )
     if not _flown(updates):
         return factor
     return (
         f"{factor}\nCumulative POS: probability that the sorties so far would have "
-        "found the object had the scenario been true; a low one says that the scenario has hardly been searched."
+        "found the object if the scenario is true; if it is low, the scenario has hardly been searched."
     )
 
 

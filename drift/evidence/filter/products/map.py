@@ -179,11 +179,13 @@ def _contents(
     """Return the line of text under the title: what a page shows."""
     many = len(sorties)
     if all(sortie.planned and sortie.sensor is not None for sortie in sorties):
-        parts = [f"{many} towed arrays as planned, and what is left if they hear nothing"]
+        parts = [
+            f"{many} towed arrays as planned, and the probability that remains if they hear nothing"
+        ]
         parts = (
             parts
             if many > 1
-            else ["A towed array as planned, and what is left if it hears nothing"]
+            else ["A towed array as planned, and the probability that remains if it hears nothing"]
         )
     else:
         parts = [

@@ -68,7 +68,7 @@ def _what_to_check(update: Update, contacts: Sequence[Contact]) -> str:
 def _repopulated_warning(update: Update) -> str:
     """Return a warning about the first update that repopulated particles."""
     return (
-        f"Particles were repopulated {after_update(update)}, as [resampling] asks: a heuristic, no posterior. Areas and shares from then on are "
+        f"Particles were repopulated {after_update(update)}, as [resampling] asks: a heuristic, not a posterior. Areas and shares from then on are "
         "rough; speed and course are of the particles before"
     )
 
@@ -76,8 +76,8 @@ def _repopulated_warning(update: Update) -> str:
 def _lost_track_warning(update: Update) -> str:
     """Return a warning about an update after which the track is lost."""
     return (
-        f"The track is lost {after_update(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show what little is "
-        "left, until a contact repopulates them; search wider, or give a smaller bulk"
+        f"The track is lost {after_update(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show the few "
+        "particles that remain, until a contact repopulates them; search wider, or give a smaller bulk"
     )
 
 

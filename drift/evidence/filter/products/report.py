@@ -126,7 +126,7 @@ def _updates(planned: bool) -> Leaf:
         ("log_evidence", "ln evidence", "number"),
         ("ess_after", "Effective particles after", "count"),
     ]
-    note = "POD: of those inside; POC: probability that it was inside; POS: that it was found. In order of time."
+    note = "POD: probability of detection inside the area; POC: that the object was inside; POS: that it was found. In order of time."
     return leaves.table_leaf(
         "Sorties, contacts and sensors",
         columns,

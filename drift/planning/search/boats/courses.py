@@ -189,8 +189,8 @@ def _harbour(sea: Sea, inshore: Sea, place: LonLat, main_water: Array) -> Harbou
             )
             if node is None or ashore > max(HARBOUR, 3 * sea.step):
                 raise ValueError(
-                    f"no way by sea leads from {notation.position(*place)} to where it is to search: the nearest water "
-                    f"from which one does is {ashore / 1852:.1f} nmi away, and it may be {HARBOUR / 1852:.0f} nmi"
+                    f"no route by sea leads from {notation.position(*place)} to its search area: the nearest water "
+                    f"with such a route is {ashore / 1852:.1f} nmi away; at most {HARBOUR / 1852:.0f} nmi is allowed"
                 )
             approach = _node(sea, node)[None]
         far, before = seas.distances(inshore, node)

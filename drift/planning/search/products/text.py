@@ -178,7 +178,7 @@ def stranded(plan: Plan) -> str:
     lies = f"{notation.percent(plan.ashore)} probability that it is stranded when the plan begins"
     if plan.spec.ashore:
         return f"{lies}; {notation.probability(plan.pos_ashore)} of the POS is for stranded objects that a unit passes"
-    return f"{lies}; this plan covers only what is afloat: send a shore party, or set ashore = true in [plan]"
+    return f"{lies}; this plan covers only objects afloat: send a shore party, or set ashore = true in [plan]"
 
 
 def _share(value: float) -> str:

@@ -28,6 +28,7 @@ const LOOKS = {
   mean: { ink: "track", width: 1.6, symbol: "circle", size: 6 },
   datum: { ink: "datum", width: 1.4, dash: [4, 3], symbol: "plus", size: 8 },
   buoy: { ink: "datum", width: 1.8, dash: [10, 3], symbol: "diamond", size: 5 },
+  report: { ink: "datum", width: 1.8, symbol: "square", size: 5 },
   ashore: { ink: "ashore", width: 0.5, fill: 0.8, symbol: "dot", size: 3 },
   sample: { ink: "grey", width: 0.5, fill: 0.9, symbol: "dot", size: 2.4 },
   stretch: { ink: "ashore", width: 5 },

@@ -17,7 +17,7 @@ SHARES = (0.1, 0.5, 0.9)
 FATES = ("pending", "afloat", "ashore", "sunk", "gone", "destroyed", "found")
 FATES_MEAN = (
     "pending: not yet released; afloat: adrift; gone: left the domain or ran out of forcing; "
-    "destroyed: lost at once; found: found and taken away; destroyed and found count at all times"
+    "destroyed: lost at once; found: found and taken away; destroyed and found are included at all times"
 )
 
 BY_TIME = ("time", "segment")

@@ -556,7 +556,7 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     figure.text(
         0.7,
         0.047,
-        "Times: of the simulated spills in which an object arrives.\n"
+        "Times are taken from the simulated spills in which an object arrives.\n"
         "+-: sampling error of the expected number.\n"
         f"Not drawn: stretches reached with a probability below {100 * LEAST:g} %.",
         fontsize=7.5,

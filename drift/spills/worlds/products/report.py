@@ -9,11 +9,11 @@ from drift.products.report.leaves import Leaf
 TOLD = [
     ("name", "Stretch", "words"),
     ("access", "Access", "words"),
-    ("number_10", "Objects at the end: 10 % chance of at most", "number"),
-    ("number_90", "90 % chance of at most", "number"),
+    ("number_10", "Objects at the end: 10 % quantile", "number"),
+    ("number_90", "90 % quantile", "number"),
     ("expected", "On average", "number"),
     ("expected_se", "+- of the average (sampling)", "number"),
-    ("ever", "Any ever, of those not found", "share"),
+    ("ever", "Any ever, without the found ones", "share"),
     ("first_50", "First arrival, median", "time"),
 ]
 
@@ -27,14 +27,14 @@ FINDS = [
     ("class", "Class", "words"),
     ("by", "By", "words"),
     ("probability_beforehand", "Expected there", "share"),
-    ("tail", "Or where less likely", "share"),
+    ("tail", "Here or less likely", "share"),
     ("odd", "Odd", "words"),
-    ("none_of_ours", "None of ours", "share"),
+    ("none_of_ours", "Not this spill", "share"),
 ]
 BEFOREHAND = (
     "Expected there: the probability, given all evidence before it, that the next find is on that "
-    "stretch (at sea: within its radius). Or where less likely: that it is on a stretch at most "
-    "as likely; under 2 % the find is odd. None of ours: the probability that it is not from this "
+    "stretch (at sea: within its radius). Here or less likely: that it is on that stretch or on "
+    "one that is at most as likely; under 2 % the find is odd. Not this spill: the probability that it is not from this "
     "spill, 0 if the case does not set `false`. "
 )
 

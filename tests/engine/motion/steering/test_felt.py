@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from oracle import HOUR, KNOT, R
+from scipy import stats
 
 from drift.case import file as case_file
 from drift.engine.motion import simulate
@@ -225,12 +226,13 @@ def test_a_voyage_misses_its_way_points_and_goes_adrift_from_where_it_is(tmp_pat
 
 
 @pytest.mark.thorough
-def test_the_current_s_error_is_that_of_what_drifts(tmp_path: Path) -> None:
+@pytest.mark.parametrize("tail", ["", ", tail = 4"])
+def test_the_current_s_error_is_that_of_what_drifts(tmp_path: Path, tail: str) -> None:
     """Displacements by an Ornstein-Uhlenbeck error: variance 2 s^2 T (t - T (1 - exp(-t / T))), as
-    of what is adrift.
+    of what is adrift; with a tail Student's.
     """
     n, std, memory, time = 4000, 0.2, 9 * HOUR, 24 * HOUR
-    error = f'{{ current = {{ std = "{std} m/s", time = "9 h" }} }}'
+    error = f'{{ current = {{ std = "{std} m/s", time = "9 h"{tail} }} }}'
     ends = []
     for uncertainty in ('{ current = "none" }', error):
         source = "constant = { east = 0.3, north = -0.2 }"
@@ -239,7 +241,12 @@ def test_the_current_s_error_is_that_of_what_drifts(tmp_path: Path) -> None:
         )
         ends += [ended.lon * sphere.UNIT, ended.lat * sphere.UNIT]
     expected = 2 * std**2 * memory * (time - memory * (1 - np.exp(-time / memory)))
-    for moved in sphere.offset(*ends):
+    both = sphere.offset(*ends)
+    if tail:
+        square = both[0] ** 2 + both[1] ** 2
+        assert stats.kstest(1 - (1 + square / (2 * expected)) ** -2.0, "uniform").pvalue > 1e-3
+        return
+    for moved in both:
         assert moved.mean() == pytest.approx(0, abs=3 * np.sqrt(expected / n))
         assert moved.var() == pytest.approx(expected, rel=3 * np.sqrt(2 / n))
 

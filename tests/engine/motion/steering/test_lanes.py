@@ -266,7 +266,7 @@ SQUARE = network(
         (["A"], "route: 1 node; at least 2 are needed"),
         ([], "route: 0 nodes; at least 2 are needed"),
         (["A", "Z"], 'route: no node "Z" in the network; there are "A", "B", "C", "D"'),
-        (["A", "A"], 'route: "A" follows itself; name each node once where it is passed'),
+        (["A", "A"], 'route: "A" is listed twice in a row; name it once'),
         (["A", "C"], 'route: no lane from "A" to "C"; from "A" lanes lead to "B"; the shortest way to "C" is by "B"; list these nodes too'),
         (["A", "D"], 'route: no lane from "A" to "D"; from "A" lanes lead to "B"; the shortest way to "D" is by "B", "C"; list these nodes too'),
         (
