@@ -134,6 +134,9 @@ def parser() -> Parser:
     objects.add_argument(
         "words", nargs="*", metavar="WORDS", help="only classes that contain every word"
     )
+    objects.add_argument(
+        "--catalogue", type=Path, metavar="FILE", help="with the classes of your own catalogue"
+    )
     _add_output(objects, quiet=False)
 
     _add_info(commands)

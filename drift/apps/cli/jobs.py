@@ -95,12 +95,13 @@ def origin(args: argparse.Namespace) -> Answer:
     """Run a spill backward from its finds."""
     with _prepared_run(args, "origin") as (case, out, options):
         from drift.apps.cli import outcome
-        from drift.pipeline import flow
+        from drift.pipeline import flow, run_metadata
         from drift.spills.backtrack import backward
 
         release = flow.origin(case, out, **options)
-    found, warnings = backward.summary_of_origin(release), backward.origin_warnings(release)
-    numbers = {"origin": found, "warnings": list(warnings)}
+    found = backward.summary_of_origin(release)
+    warnings = [*backward.origin_warnings(release), *run_metadata.object_warnings(case)]
+    numbers = {"origin": found, "warnings": warnings}
     return Answer(case.title, outcome.origin(found, warnings), (f"Results in {out}",), numbers, out)
 
 
