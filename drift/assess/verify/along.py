@@ -33,7 +33,7 @@ MARGIN = 0.3  # [deg] margin about all tracks within which forcing is read
 # keys of a case that a comparison with drifters does not use
 ELSEWHERE = (
     *("sortie", "contact", "unit", "plan", "resampling", "expect", "find", "patrol"),
-    "drifter",
+    *("drifter", "report"),
 )
 
 
