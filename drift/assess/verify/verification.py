@@ -293,7 +293,7 @@ def _case(
     table = {
         k: v
         for k, v in along.single_scenario(base).items()
-        if k not in ("area", "trackline", "weight", "survival")
+        if k not in ("area", "trackline", "hazard", "weight", "survival")
     }
     table["position"] = {"at": [float(lon), float(lat)], "error": error}
     changes: dict[str, Any] = {

@@ -7,10 +7,10 @@ stay equal, the scenario keeps its weight, and no shard needs to know of another
 
 from collections.abc import Sequence
 from dataclasses import replace
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from drift.engine.environment.along_track import sample_forcing
 from drift.engine.motion.forcing import Forcing, Sources
@@ -116,7 +116,7 @@ def tilt_of(prior: TracklinePrior, hazard: Array, place: str) -> Tilt:
     proposed = np.concatenate([[0.0], np.cumsum(mass)])
     # shares of the normal law between the middles of places across the track
     middles = np.linspace(-WIDEST, WIDEST, 2 * ACROSS - 1)[1::2]
-    across = np.diff(np.concatenate([[0.0], stats.norm.cdf(middles), [1.0]]))
+    across = np.diff([0.0, *map(NormalDist().cdf, middles), 1.0])
     ends = relative @ across
     kept = float(np.sum(np.diff(law) * (ends[:-1] + ends[1:]) / 2))
     if kept < LEAST_KEPT * proposed[-1]:
@@ -132,7 +132,9 @@ def _triangular(passed: Array, prior: TracklinePrior) -> Array:
     """Return the cumulated triangular law of the share at parts of [low, high]."""
     assert prior.mode is not None
     peak = (prior.mode - prior.low) / (prior.high - prior.low)
-    return np.asarray(stats.triang.cdf(passed, peak))
+    rising = passed < peak
+    base = np.where(rising, peak, max(1 - peak, np.finfo(float).tiny))
+    return np.where(rising, passed**2 / base, 1 - (1 - passed) ** 2 / base)
 
 
 def _wind(sources: list[Sources], direction: int, number: int, points: Lattice) -> Array:
