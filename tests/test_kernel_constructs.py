@@ -19,6 +19,7 @@ TOO_MANY: dict[str, int] = {}  # kernels over that limit, with their buffers
 # Kernels that may leave out elements of arrays: their callers pass device arrays.
 ON_DEVICE = {
     "prior.draw_area",
+    "prior.draw_lost",
     "prior.draw_objects",
     "prior.draw_position",
     "prior.draw_trackline",

@@ -95,6 +95,7 @@ TAKEN = {
     "spill._number": "whole number, or `[fewest, most]`",
     "spill._rates": "a table of rates by kind of shore",
     "spill._release_duration": 'duration, `"2 h"`',
+    "spill._begin": "time, or `[earliest, latest]`",
     "scenario._motion": '`"drift"`',
     "objects._search_object": "an object of the sweep width tables",
     "family._check_values": "a list, or a table by label",

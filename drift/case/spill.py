@@ -8,6 +8,7 @@ drift.spills.worlds.worlds and drift.spills.worlds.finds.
 
 import math
 import os
+from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -18,7 +19,7 @@ from drift.case.scenario.scenario import TracklineTable
 from drift.case.values import fields, units
 from drift.case.values.mistakes import Mistakes
 from drift.case.values.places import AreaTable, PositionTable
-from drift.engine.motion.scenario import JIBE_RATE, ReleasePrior
+from drift.engine.motion.scenario import JIBE_RATE, Loss, ReleasePrior, TrackPrior
 from drift.spills.worlds.records import (
     DAY,
     FEWEST_PARTICLES,
@@ -30,13 +31,14 @@ from drift.spills.worlds.records import (
     Spill,
     Team,
 )
-from geo import notation
+from geo import notation, sphere
 
 MOST_CLASSES = 4
 ROUNDED = 0.01 + 1e-9  # tolerance of the sum of classes' shares, which are rounded to two digits
 MOST_DAYS = 60  # most patrols of a patrol_unit
 MOST_REACH = 1_000_000.0  # [m] largest reach of a patrol_unit over land
 FEWEST_WORLDS = 50
+FASTEST = 50.0  # [m/s] greatest speed of a ship on its track
 LONGEST = 366 * DAY  # [s] longest duration of the release
 
 
@@ -154,6 +156,41 @@ def _release_duration(value: object) -> float:
     return seconds
 
 
+class TrackPointTable(fields.Table):
+    """A point of the ship's track."""
+
+    at: fields.Position
+    """Position of the ship."""
+    time: fields.Time
+    """Time at which it was there."""
+
+
+def _begin(value: object) -> tuple[units.Instant, units.Instant]:
+    early, late = value if isinstance(value, list) and len(value) == 2 else (value, value)
+    return units.time(early), units.time(late)
+
+
+class LossTable(fields.Table):
+    """A [[spill.loss]] table: an interval in which objects went overboard along the track."""
+
+    begin: Annotated[tuple[units.Instant, units.Instant], BeforeValidator(_begin)]
+    """Time at which it began; one, or [earliest, latest]."""
+    length: fields.DurationRange
+    """How long it lasted; one value, or [shortest, longest]."""
+    share: Annotated[fields.Weight, Field(gt=0)] | None = None
+    """Share of the objects; by default each loss has the same."""
+
+    def record(self, start: np.datetime64, share: float) -> Loss:
+        """Return the record of the loss; share: if the table has none."""
+        early, late = (units.resolve(time, start) for time in self.begin)
+        if late < early:
+            raise ValueError(
+                f"[spill] loss: begin must go from the earlier to the later time, not from "
+                f"{notation.format_dtg(early)} to {notation.format_dtg(late)}"
+            )
+        return Loss((early, late), self.length, self.share or share)
+
+
 class SpillTable(fields.Table):
     """The [spill] table as written."""
 
@@ -173,6 +210,13 @@ class SpillTable(fields.Table):
     """In place of `position`: anywhere in an area."""
     trackline: TracklineTable | None = None
     """In place of `position`: somewhere on a voyage."""
+    track: Annotated[list[TrackPointTable], Field(min_length=2)] | None = None
+    """In place of `position`: the ship's track; objects go overboard along it, in each `loss`."""
+    loss: list[LossTable] = Field(default_factory=list)
+    """Intervals in which objects went overboard, with `track`."""
+    clock_error: Annotated[float, BeforeValidator(_release_duration)] = 0.0
+    """Largest error of the ship's clock that the times of `track` are by; either way, equally
+    likely."""
     release_std: fields.Length = 0.0
     """Standard deviation of an object's release position about that of its world, east and
     north."""
@@ -206,7 +250,8 @@ class SpillTable(fields.Table):
     @model_validator(mode="after")
     def whole(self) -> "SpillTable":
         """Reject no position or two, wrong shares of classes, and too few or too many worlds."""
-        fields.one_of(self, ("position", "area", "trackline"))
+        place = fields.one_of(self, ("position", "area", "trackline", "track"))
+        self._check_loss(place == "track")
         self.shares()
         names = [kind.name for kind in self.kinds]
         for name in names:
@@ -233,6 +278,23 @@ class SpillTable(fields.Table):
                     f"worlds x per_world = {particles:,} particles; this machine's memory holds {most:,}"
                 )
         return self
+
+    def _check_loss(self, track: bool) -> None:
+        if not track:
+            for name in ("loss", "clock_error"):
+                if name in self.model_fields_set:
+                    raise ValueError(f"{name} belongs to track, the ship's track; give track too")
+            return
+        if not self.loss:
+            raise ValueError("track needs a [[spill.loss]]: when objects went overboard")
+        if "release_duration" in self.model_fields_set:
+            raise ValueError("release_duration: with track give the length of each [[spill.loss]]")
+        given = [loss.share for loss in self.loss if loss.share is not None]
+        if given and (len(given) < len(self.loss) or abs(math.fsum(given) - 1) > ROUNDED):
+            raise ValueError(
+                f"shares of the losses, {', '.join(f'{share:g}' for share in given)}: give each "
+                "loss one, so that they add up to 1, or none"
+            )
 
     def shares(self) -> list[float]:
         """Return the classes' shares of the objects; raise ValueError if they do not add up to
@@ -262,14 +324,56 @@ class SpillTable(fields.Table):
 
     def prior(self, start: np.datetime64) -> ReleasePrior:
         """Return the prior of a world's release: position and time."""
+        if self.track:
+            return self._track_prior(self.track, start)
         table = self.position or self.area or self.trackline
         assert table is not None  # whole
         return table.prior(start)
 
+    def _track_prior(self, track: list[TrackPointTable], start: np.datetime64) -> TrackPrior:
+        times = [units.resolve(point.time, start) for point in track]
+        for before, after in pairwise(times):
+            if after <= before:
+                raise ValueError(
+                    f"[spill] track: {notation.format_dtg(after)} follows "
+                    f"{notation.format_dtg(before)}; times must ascend"
+                )
+        losses = tuple(loss.record(start, 1 / len(self.loss)) for loss in self.loss)
+        first = min(loss.begin[0] for loss in losses)
+        last = max(loss.end for loss in losses)
+        margin = np.timedelta64(math.ceil(self.clock_error), "s")
+        if first - margin < times[0] or last + margin > times[-1]:
+            raise ValueError(
+                f"[spill] loss: objects may go overboard from {notation.format_dtg(first)} to "
+                f"{notation.format_dtg(last)}, and with clock_error the ship's track must cover "
+                f"{notation.format_dtg(first - margin)} to {notation.format_dtg(last + margin)}; it "
+                f"covers {notation.format_dtg(times[0])} to {notation.format_dtg(times[-1])}"
+            )
+        lon, lat = np.radians(np.array([point.at for point in track])).T
+        speed = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / (
+            np.diff(times) / np.timedelta64(1, "s")
+        )
+        if speed.max() > FASTEST:
+            raise ValueError(
+                f"[spill] track: the ship makes {speed.max():.0f} m/s between two points; at most "
+                f"{FASTEST:g} m/s; check positions and times"
+            )
+        return TrackPrior(
+            tuple(lon.tolist()),
+            tuple(lat.tolist()),
+            tuple(int(notation.epoch(time)) for time in times),
+            losses,
+            self.clock_error,
+            first,
+            last,
+        )
+
     def began(self) -> str:
         """Return the key that sets the begin of the spill."""
         return (
-            "trackline.departure"
+            "loss.begin"
+            if self.track
+            else "trackline.departure"
             if self.trackline
             else "position.time"
             if self.position

@@ -482,6 +482,84 @@ def draw_objects(
 
 
 @ti.kernel
+def draw_lost(
+    coastal: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    number: ti.i32,
+    per_world: ti.i32,
+    lon: Ints,
+    lat: Ints,
+    release: Ints,
+    world: Ints,
+    tries: I64s,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    world_lon: Ints,
+    world_lat: Ints,
+    begin: Ints,
+    length: Reals,
+    clock: Reals,
+    ends: Reals,
+    points: Ints,
+    steps: Reals,
+    times: Ints,
+    scatter: ti.f32,
+    coast: Coast,
+):
+    """Draw the objects of worlds, each at the ship's place on its track at its own release time.
+
+    As draw_objects; begin [s after start] and length [s] of each loss, world after world; clock
+    [s]: by how much the ship's is fast in a world; ends: sums of the shares of the losses.
+
+    points [binary angle] and steps [m] (east, north): starts and vectors of the track's pieces;
+    times [s after start], by the ship's clock: of their starts and of the last end.
+    """
+    for i in range(first, last):
+        k = (i - first) // per_world
+        world[i] = k
+        found = 0
+        tried = 0
+        while found == 0 and tried < TRIES:
+            w = noise.noise_words(seed0, seed1, noise.STREAM_RELEASE, number + i - first, tried)
+            tried += 1
+            u = noise.uniform(w[3])
+            loss = 0
+            while loss < ends.shape[0] - 1 and u >= ends[loss]:
+                loss += 1
+            at = k * ends.shape[0] + loss
+            release[i] = begin[at] + ti.cast(length[at] * noise.uniform(w[2]), ti.i32)
+            low, high = 0, times.shape[0] - 2
+            whole = ti.cast(ti.floor(clock[k]), ti.i32)
+            shown = release[i] + whole
+            while low < high:
+                middle = (low + high + 1) // 2
+                if times[middle] <= shown:
+                    low = middle
+                else:
+                    high = middle - 1
+            past = ti.cast(shown - times[low], ti.f32) + (clock[k] - ti.cast(whole, ti.f32))
+            share = past / ti.cast(times[low + 1] - times[low], ti.f32)
+            share = ti.min(ti.max(share, 0.0), 1.0)
+            x, y = sphere.exponential(
+                points[2 * low],
+                points[2 * low + 1],
+                share * steps[2 * low],
+                share * steps[2 * low + 1],
+            )
+            n = noise.normals(w[0], w[1]) * scatter
+            x, y = sphere.exponential(x, y, n[0], n[1])
+            found = 1
+            if ti.static(coastal):
+                found = is_wet(x, y, coast)
+            lon[i], lat[i] = x, y
+        if found == 0:
+            lon[i], lat[i] = world_lon[k], world_lat[k]
+        tries[0] += tried
+        tries[1] += 1 - found
+
+
+@ti.kernel
 def _draw_immersion(
     first: ti.i32,
     last: ti.i32,

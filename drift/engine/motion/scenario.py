@@ -1,7 +1,7 @@
 """Scenarios: hypotheses with a weight, an object, and a prior of where and when it went adrift.
 
-Records are in SI, radians and UTC. There are three kinds of prior: around a reported position,
-inside an area, along a trackline. All have the same attributes. `reported`: the reported position
+Records are in SI, radians and UTC. There are four kinds of prior: around a reported position,
+inside an area, along a trackline, and for spills along a track. All have the same attributes. `reported`: the reported position
 [deg], or None; `moving`: whether the release position depends on the time; `extent`: how far the
 prior reaches. Priors are drawn in drift.engine.motion.prior and drift.spills.worlds.releases.
 """
@@ -194,7 +194,44 @@ class TracklinePrior:
         return np.unwrap(lon), lat, spreads * self.cross_track
 
 
-ReleasePrior: TypeAlias = PositionPrior | AreaPrior | TracklinePrior
+@dataclass(frozen=True)
+class Loss:
+    """An interval in which objects go overboard: begin and length uniform, each in a range."""
+
+    begin: tuple[np.datetime64, np.datetime64]  # earliest and latest
+    length: tuple[float, float]  # [s]
+    share: float  # of the objects
+
+    @property
+    def end(self) -> np.datetime64:
+        """The latest end."""
+        return self.begin[1] + np.timedelta64(math.ceil(self.length[1]), "s")
+
+
+@dataclass(frozen=True)
+class TrackPrior:
+    """Along a ship's known track: the objects of a world go overboard for hours, one by one."""
+
+    reported: ClassVar[tuple[float, float] | None] = None
+    moving: ClassVar = True
+
+    lon: tuple[float, ...]  # [rad]
+    lat: tuple[float, ...]
+    time: tuple[int, ...]  # [s since 1970] at these points by the ship's clock
+    losses: tuple[Loss, ...]
+    clock_error: float  # [s] the ship's clock is at most so much wrong, uniform
+    release_start: np.datetime64
+    release_end: np.datetime64
+
+    def extent(self, spreads: float) -> tuple[Array, Array, float]:
+        """Return places along the track in the format of PositionPrior.extent; all of the track,
+        so nothing lies off it.
+        """
+        lon, lat = sphere.track(self.lon, self.lat, PIECE)
+        return np.unwrap(lon), lat, 0.0
+
+
+ReleasePrior: TypeAlias = PositionPrior | AreaPrior | TracklinePrior | TrackPrior
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,7 @@ from drift.engine.motion import models, simulate, step_size
 from drift.engine.motion.ensemble_spec import EnsembleSpec
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.period import ClockSpec, Period
+from drift.engine.motion.scenario import TrackPrior
 from drift.engine.motion.scene import Scene
 from drift.engine.motion.simulate import Progress
 from drift.engine.particles import partials, weights
@@ -171,6 +172,11 @@ def estimate_origin(
     """
     if not spill.finds:
         raise UserError("no finds, so the origin cannot be estimated; add a [[find]]")
+    if isinstance(spill.prior, TrackPrior):
+        raise UserError(
+            "[spill] track: drift origin goes back to one place of release, and this spill has a "
+            "ship's track; use drift run: unknowns.csv has the begin and length of each loss"
+        )
     rng = noise.generator(spec.seed, Purpose.BACKWARD_PLACES)
     is_land = partial(shoreline.is_land, environment.coast) if environment.coast else _nowhere
     prior_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_PRIOR)

@@ -4,17 +4,22 @@ Every class of objects has a range of slots, world after world. The ensemble's c
 the world of each slot.
 """
 
+from typing import Any
+
 import numpy as np
 
 from drift.engine.motion import drift
 from drift.engine.motion.forcing_error import Errors
 from drift.engine.motion.leeway import AIR_IN_WATER
 from drift.engine.motion.period import Period
+from drift.engine.motion.scenario import TrackPrior
 from drift.engine.particles import ensemble as record
 from drift.engine.particles import members, partials
 from drift.engine.particles.ensemble import Column, Ensemble, Layout
 from drift.spills.worlds.records import FEWEST_PARTICLES, Spill
+from drift.spills.worlds.releases import track_pieces
 from drift.spills.worlds.worlds import Worlds
+from geo import sphere
 from geo.array import Array, Real
 from geo.errors import UserError
 from kernels.maths import noise
@@ -125,27 +130,20 @@ def draw_some_worlds(
         runtime.upload(x.astype(np.int32))
         for x in (worlds.lon, worlds.lat, worlds.release - period.epoch)
     ]
+    track = _track(spill.prior, worlds, period) if isinstance(spill.prior, TrackPrior) else None
     factor = runtime.upload(worlds.windage.astype(np.float32))
     log_weight = np.empty(ensemble.n, np.float32)
     for number, (kind, count, slots) in enumerate(
         zip(spill.kinds, counts, ensemble.slots, strict=True)
     ):
         tries = runtime.upload(np.zeros(2, np.int64))
-        kernel.draw_objects(
-            True,
-            *slots,
-            count,
-            ensemble.lon,
-            ensemble.lat,
-            ensemble.release,
-            ensemble.world,
-            tries,
-            *key,
-            *releases,
-            spill.release_std,
-            spill.release_duration,
-            coast.pack,
-        )
+        places = (ensemble.lon, ensemble.lat, ensemble.release, ensemble.world)
+        common = (True, *slots, count, *places, tries, *key)
+        if track is None:
+            law = (*releases, spill.release_std, spill.release_duration)
+            kernel.draw_objects(*common, *law, coast.pack)
+        else:
+            kernel.draw_lost(*common, *releases[:2], *track, spill.release_std, coast.pack)
         dry[number] = tries.to_numpy()[1]
         drift.draw_leeway(ensemble, slots, key, kind.object)
         if kind.object.immersion is not None:
@@ -173,6 +171,25 @@ def draw_some_worlds(
     ensemble.world.from_numpy(ensemble.world.to_numpy() + np.int32(own.numbers[0] // counts[0]))
     ensemble.log_weight.from_numpy(log_weight)
     return ensemble, dry
+
+
+def _track(prior: TrackPrior, worlds: Worlds, period: Period) -> tuple[Any, ...]:
+    """Return the losses of worlds and the ship's track on the device, for kernel.draw_lost."""
+    assert worlds.loss_begin is not None
+    assert worlds.loss_length is not None
+    assert worlds.clock is not None
+    lon, lat, east, north, time = track_pieces(prior)
+    shares = np.cumsum([loss.share for loss in prior.losses])
+    values = (
+        (worlds.loss_begin - period.epoch).astype(np.int32).ravel(),
+        worlds.loss_length.astype(np.float32).ravel(),
+        worlds.clock.astype(np.float32),
+        (shares / shares[-1]).astype(np.float32),
+        sphere.to_binary(np.degrees(np.stack([lon, lat], axis=1))).ravel(),
+        np.stack([east, north], axis=1).astype(np.float32).ravel(),
+        np.rint(time - period.epoch).astype(np.int32),
+    )
+    return tuple(runtime.upload(value) for value in values)
 
 
 def columns_of_worlds(worlds: Worlds) -> tuple[Column, ...]:

@@ -15,7 +15,13 @@ import numpy.typing as npt
 import shapely
 from scipy import special
 
-from drift.engine.motion.scenario import AreaPrior, PositionPrior, ReleasePrior, TracklinePrior
+from drift.engine.motion.scenario import (
+    AreaPrior,
+    PositionPrior,
+    ReleasePrior,
+    TracklinePrior,
+    TrackPrior,
+)
 from geo import notation, sphere
 from geo.array import Real
 
@@ -64,11 +70,61 @@ def _trackline(prior: TracklinePrior) -> ReleaseLaw:
     )
 
 
+def _track(prior: TrackPrior) -> ReleaseLaw:
+    names: list[str] = []
+    for number, loss in enumerate(prior.losses, 1):
+        names += [f"begin {number}"] if loss.begin[1] > loss.begin[0] else []
+        names += [f"length {number}"] if loss.length[1] > loss.length[0] else []
+    names += ["clock"] if prior.clock_error > 0 else []
+    return ReleaseLaw(tuple(names), partial(_first_lost, prior), partial(_first_time, prior))
+
+
 LAWS: dict[type, Callable[[Any], ReleaseLaw]] = {
     PositionPrior: _position,
     AreaPrior: _area,
     TracklinePrior: _trackline,
+    TrackPrior: _track,
 }
+
+
+@dataclass(frozen=True)
+class Losses:
+    """When the objects of each world went overboard, and how wrong the ship's clock was."""
+
+    begin: npt.NDArray[np.int64]  # [s since 1970], (w, losses)
+    length: Real  # [s], (w, losses)
+    clock: Real  # [s] fast, (w,)
+
+
+def losses(prior: TrackPrior, latent: Latents) -> Losses:
+    """Return the losses of worlds along a ship's track."""
+    begin, length = [], []
+    for number, loss in enumerate(prior.losses, 1):
+        begin.append(_between(*loss.begin, special.ndtr(latent(f"begin {number}"))))
+        low, high = loss.length
+        length.append(low + (high - low) * special.ndtr(latent(f"length {number}")))
+    clock = prior.clock_error * (2 * special.ndtr(latent("clock")) - 1)
+    return Losses(np.stack(begin, axis=1), np.stack(length, axis=1), np.asarray(clock))
+
+
+def track_pieces(prior: TrackPrior) -> tuple[Real, Real, Real, Real, Real]:
+    """Return the great-circle pieces of a ship's track.
+
+    Returns:
+        Longitudes and latitudes [rad] of their starts, (p,); vectors east and north [m] to their
+        ends, (p,); and times [s since 1970] by the ship's clock of all starts and the last end,
+        (p + 1,).
+    """
+    lon, lat, time = [], [], [np.array(prior.time[:1], float)]
+    for k in range(len(prior.time) - 1):
+        x, y = sphere.track(prior.lon[k : k + 2], prior.lat[k : k + 2], PIECE)
+        lon.append(x)
+        lat.append(y)
+        time.append(np.linspace(prior.time[k], prior.time[k + 1], x.size)[1:])
+    steps = [sphere.offset(x[:-1], y[:-1], x[1:], y[1:]) for x, y in zip(lon, lat, strict=True)]
+    east, north = (np.concatenate([step[c] for step in steps]) for c in (0, 1))
+    x, y = (np.concatenate([each[:-1] for each in part]) for part in (lon, lat))
+    return x, y, east, north, np.concatenate(time)
 
 
 def _about(prior: PositionPrior, latent: Latents) -> Places:
@@ -109,6 +165,20 @@ def _on_track(prior: TracklinePrior, latent: Latents) -> Places:
     along, off = distance_made - cumulative[piece], prior.cross_track * latent("cross_track")
     lon, lat = sphere.destination(x[piece], y[piece], along * e + off * n, along * n - off * e)
     return lon, lat, np.ones(len(lon), bool)
+
+
+def _first_lost(prior: TrackPrior, latent: Latents) -> Places:
+    x, y, east, north, time = track_pieces(prior)
+    lost = losses(prior, latent)
+    shown = lost.begin.min(axis=1) + lost.clock
+    piece = np.clip(np.searchsorted(time, shown, side="right") - 1, 0, x.size - 1)
+    share = np.clip((shown - time[piece]) / (time[piece + 1] - time[piece]), 0, 1)
+    lon, lat = sphere.destination(x[piece], y[piece], share * east[piece], share * north[piece])
+    return lon, lat, np.ones(len(lon), bool)
+
+
+def _first_time(prior: TrackPrior, latent: Latents) -> npt.NDArray[np.int64]:
+    return np.asarray(losses(prior, latent).begin.min(axis=1))
 
 
 def _share(prior: TracklinePrior, latent: Latents) -> Real:

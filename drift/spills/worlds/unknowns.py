@@ -79,6 +79,15 @@ def _columns(
         "error of the current, north": ("m/s", worlds.current_north),
         "factor on reporting rates": ("1", worlds.reporting),
     }
+    if worlds.loss_begin is not None:
+        assert worlds.loss_length is not None
+        assert worlds.clock is not None
+        for number in range(worlds.loss_begin.shape[1]):
+            hours = (worlds.loss_begin[:, number] - begin) / 3600
+            columns[f"loss {number + 1}, begin"] = ("h after start", hours)
+            length = worlds.loss_length[:, number] / 3600
+            columns[f"loss {number + 1}, length"] = ("h", length)
+        columns["ship's clock, fast"] = ("min", worlds.clock / 60)
     for k, kind in enumerate(kinds):
         columns[f"time to sink, {kind}"] = ("d", worlds.sinking[:, k] / 86_400)
     return columns

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
+from drift.engine.motion.scenario import TrackPrior
 from drift.engine.particles import members as dealt
 from drift.engine.particles import partials
 from drift.spills.worlds import releases
@@ -53,6 +54,10 @@ class Worlds:
     # member of an ensemble of winds and currents, ascending; None: no ensemble
     member: npt.NDArray[np.int32] | None = None
     members: int = 0  # size of that ensemble
+    # of objects along a ship's track, (w, losses); None: they go adrift at the release's place
+    loss_begin: npt.NDArray[np.int64] | None = None  # [s since 1970]
+    loss_length: Real | None = None  # [s]
+    clock: Real | None = None  # [s] by which the ship's clock was fast, (w,)
 
     @property
     def size(self) -> int:
@@ -263,6 +268,14 @@ class _Model:
                     low
                     + (high - low) * special.ndtr(self.latent_of(latent, f"sinking {kind.name}"))
                 )
+        lost: dict[str, Any] = {}
+        if isinstance(spill.prior, TrackPrior):
+            losses = releases.losses(spill.prior, partial(self.latent_of, latent))
+            lost = {
+                "loss_begin": losses.begin,
+                "loss_length": losses.length,
+                "clock": losses.clock,
+            }
         return Worlds(
             latent=latent,
             names=self.names,
@@ -275,4 +288,5 @@ class _Model:
             current_north=spill.current_bias * self.latent_of(latent, "current_north"),
             sinking=sinking,
             reporting=np.exp(spill.reporting_bias * self.latent_of(latent, "reporting")),
+            **lost,
         )
