@@ -44,6 +44,7 @@ class Warm:
         self._waiting = self._number = 0
         self._current: str | None = None  # request that the process works on
         self._newest = 0
+        self._closed = False
 
     async def ask(self, do: str, **values: Any) -> Any:
         """Return the answer to a request.
@@ -80,9 +81,12 @@ class Warm:
         await self._give_up()
 
     async def close(self) -> None:
-        """End the process."""
+        """End the process, and answer no more requests."""
         self._newest += 1
+        self._closed = True
         await self._end()
+        async with self._turn:  # one that was just starting
+            await self._end()
 
     async def _give_up(self) -> None:
         process, number = self._process, self._number
@@ -96,6 +100,8 @@ class Warm:
         await self._end()
 
     async def _ask(self, do: str, values: dict[str, Any]) -> Any:
+        if self._closed:
+            raise Overtaken("the server ends")
         self._number += 1
         patience = SKETCH if do in ("sketch", "warm") else PATIENCE[do]
         try:
