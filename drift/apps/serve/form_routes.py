@@ -179,6 +179,8 @@ def _answered(handler: Any) -> Any:
             return JSONResponse(await handler(request.scope["body"]))
         except Invalid as invalid:
             return JSONResponse({"error": str(invalid)}, invalid.status)
+        except asyncio.CancelledError:  # the server ends, and waits for nobody
+            return JSONResponse({"error": "the server ends"}, 503)
         except Overtaken as overtaken:
             return JSONResponse({"error": str(overtaken)}, 409)
         except UserError as error:

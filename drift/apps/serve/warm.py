@@ -84,8 +84,8 @@ class Warm:
         """End the process, and answer no more requests."""
         self._newest += 1
         self._closed = True
-        await self._end()
-        async with self._turn:  # one that was just starting
+        self._kill()
+        async with self._turn:
             await self._end()
 
     async def _give_up(self) -> None:
@@ -97,7 +97,7 @@ class Warm:
             await asyncio.sleep(GRACE / 20)
             if self._current is None or self._number != number:
                 return
-        await self._end()
+        self._kill()
 
     async def _ask(self, do: str, values: dict[str, Any]) -> Any:
         if self._closed:
@@ -160,19 +160,22 @@ class Warm:
             limit=LONGEST_ANSWER,
         )
 
+    def _kill(self) -> None:
+        """Kill the process; the request that waits for it ends it."""
+        if self._process is not None and self._process.returncode is None:
+            jobs.kill(self._process)
+
     async def _end(self) -> None:
-        """Kill the process, wait for its end, and remove its temporary folder."""
+        """Kill the process, wait for its end, and remove its folder; only by who has the turn."""
+        self._kill()
         process, self._process = self._process, None
         scratch, self._scratch = self._scratch, None
         if process is not None:
-            if process.returncode is None:
-                jobs.kill(process)
-            with contextlib.suppress(OSError, ValueError):
-                assert process.stdin is not None
-                assert process.stdout is not None
-                process.stdin.close()
-                while await process.stdout.read(2**16):
-                    pass
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.stdin.close()
+            while await process.stdout.read(2**16):
+                pass
             await process.wait()
         if scratch is not None:
             with contextlib.suppress(OSError):
