@@ -15,7 +15,9 @@
 | `place`, `allocate` | place towed arrays, allocate beams to processors |
 | `origin` | backtrack a spill from its finds to its release |
 | `compare` | compare two cases on common random numbers: differences with standard errors |
+| `budget` | divide the area of a forecast among its sources of spread |
 | `verify`, `fit_errors` | verify forecasts with real drifters, fit the error model to them |
+| `score` | score past cases by where the objects were found |
 | `sensor_reach` | map where a sensor of a case would detect a target |
 | `track`, `experiment` | reacquire a lost contact, run an experiment of many runs |
 | `fetch`, `results`, `export` | download forcing, list results, convert them |
@@ -35,9 +37,11 @@ _HOMES = {
     "case.record": ["Case"],
     "apps.cli.progress": ["progress"],
     "assess.compare.contrast": ["compare"],
+    "assess.budget.command": ["budget"],
     "apps.serve.server": ["serve"],
     "assess.verify.fitting": ["fit_errors"],
     "assess.verify.verification": ["verify"],
+    "assess.score.command": ["score"],
     "assess.experiment.command": ["experiment"],
     "apps.export.exporter": ["export"],
     "pipeline.flow": ["origin", "run", "trace"],

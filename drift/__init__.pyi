@@ -7,8 +7,10 @@ from drift.apps.fetch.fetching import fetch as fetch
 from drift.apps.sensor.command import sensor_reach as sensor_reach
 from drift.apps.serve.server import serve as serve
 from drift.apps.track.command import track as track
+from drift.assess.budget.command import budget as budget
 from drift.assess.compare.contrast import compare as compare
 from drift.assess.experiment.command import experiment as experiment
+from drift.assess.score.command import score as score
 from drift.assess.verify.fitting import fit_errors as fit_errors
 from drift.assess.verify.verification import verify as verify
 from drift.case.file import load as load

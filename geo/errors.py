@@ -19,6 +19,7 @@ SAME = (
     "ends-aground",
     "error",
     "every",
+    "found",
     "heading",
     "hours",
     "host",
@@ -34,6 +35,7 @@ SAME = (
     "speed",
     "threads",
     "time",
+    "within",
 )
 # option -> equivalent argument, where the names differ
 ARGUMENTS = {

@@ -14,8 +14,10 @@ from pydantic import BaseModel
 from drift.apps.fetch import fetching
 from drift.apps.sensor import chapter as reach_chapter
 from drift.apps.track import chapter as regain_chapter
+from drift.assess.budget import chapter as budget_chapter
 from drift.assess.compare import chapter as contrast_chapter
 from drift.assess.experiment import chapter as experiments_chapter
+from drift.assess.score import chapter as score_chapter
 from drift.assess.verify import chapter as drifters_chapter
 from drift.case.scenario import scenario
 from drift.case.search.barrier import BarrierTable, LineTable
@@ -94,6 +96,8 @@ WRITTEN: dict[str, set[str]] = {
         *backtrack_chapter.FILES, *backtrack_chapter.PICTURES,
     },
     "docs/compare.md": {*contrast_chapter.FILES, *contrast_chapter.PICTURES},
+    "docs/score.md": {*score_chapter.FILES, *score_chapter.PICTURES},
+    "docs/budget.md": {*budget_chapter.NAMES},
     "docs/targets.md": {*reach_chapter.FILES, *reach_chapter.PICTURES},
     "docs/tracking.md": {
         *experiments_chapter.FILES, *experiments_chapter.TRACKING, *experiments_chapter.PICTURES, *regain_chapter.FILES,

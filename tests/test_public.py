@@ -15,8 +15,8 @@ from places import ROOT
 import drift
 
 NAMES = {
-    "Brief", "Case", "Result", "UserError", "__version__", "allocate", "check", "compare", "experiment", "export", "fetch", "fit_errors", "load", "origin", "patrol", "place", "plan", "progress",
-    "results", "run", "run_many", "sensor_reach", "serve", "trace", "track", "vary", "verify",
+    "Brief", "Case", "Result", "UserError", "__version__", "allocate", "budget", "check", "compare", "experiment", "export", "fetch", "fit_errors", "load", "origin", "patrol", "place", "plan", "progress",
+    "results", "run", "run_many", "score", "sensor_reach", "serve", "trace", "track", "vary", "verify",
 }  # fmt: skip
 
 

@@ -12,7 +12,9 @@ from typing import Any
 
 import xarray as xr
 
+from drift.assess.budget import chapter as budgets
 from drift.assess.compare import chapter as contrast
+from drift.assess.score import chapter as scores
 from drift.assess.verify import chapter as drifters
 from drift.evidence.filter.products import chapter as search
 from drift.evidence.posterior import chapter as posterior
@@ -64,6 +66,11 @@ CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and
     ),
     "Origins": ("`drift origin`.", (*backtrack.FILES, *backtrack.PICTURES)),
     "Comparisons": ("`drift compare`.", (*contrast.FILES, *contrast.PICTURES)),
+    "Budgets": ("`drift budget`.", budgets.NAMES),
+    "Scores": (
+        "`drift score`; the columns are in [Scores of past cases](../score.md).",
+        (*scores.FILES, *scores.PICTURES),
+    ),
     "Verifications": ("`drift verify`.", (*drifters.FILES, *drifters.PICTURES)),
 }
 WHERE = {  # the run whose file is looked at
@@ -89,6 +96,9 @@ WHERE = {  # the run whose file is looked at
     "patrols_left_out.csv": "small-patrols",
     "compare.nc": "small-compare",
     "compare.csv": "small-compare",
+    "budget.csv": "small-budget",
+    "consensus.csv": "small-budget",
+    "consensus.nc": "small-budget",
     "verify.nc": "small-verify",
     "verify.csv": "small-verify",
 }

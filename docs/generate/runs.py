@@ -72,6 +72,7 @@ def every() -> list[Run]:
         Run("small-arrays", ("plan", arrays)),
         Run("small-run", ("run", small)),
         Run("small-compare", ("compare", small, "--set-b", "wind.0.constant.speed=25 kn")),
+        Run("small-budget", ("budget", small, "--particles", "4000")),
         Run(
             "small-verify",
             (

@@ -31,6 +31,7 @@ from drift.engine.environment.environment_spec import Coast
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
 from drift.engine.motion.buoys import BuoyTrack, PointReport
 from drift.engine.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
+from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter import filling
 from drift.evidence.filter.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
@@ -77,6 +78,7 @@ def build_case(table: CaseTable, path: Path, text: str) -> Case:
     }
     spill, scenarios = _build_subject(table, forcing, folder, wrong)
     search = _build_search(table, Run(start, end, scenarios, folder), wrong)
+    wrong.lines += _mixed_stokes(scenarios, search.contacts)
     opens = _first_map_time(table, search, wrong)
     outputs = _outputs(table, spill, search, opens, wrong)
     current_error, wind_error = _forcing_errors(table, forcing, scenarios, search.contacts, wrong)
@@ -185,6 +187,38 @@ def _forcing_errors(
             reason = UNFELT
         wind = uncertainty.error(stated.wind, uncertainty.WIND, reason, "wind")
     return current, wind
+
+
+def _mixed_stokes(scenarios: tuple[Scenario, ...], contacts: tuple[Contact, ...]) -> list[str]:
+    """Return messages about debris, and states of an object, that differ from the object in
+    whether lines include the Stokes drift: they drift in the forcing of the object.
+    """
+    waves = [scenario for scenario in scenarios if scenario.sources.get("stokes")]
+    pairs = [
+        (f'scenario "{scenario.name}".change "{change.name}"', change.object, scenario.object)
+        for scenario in waves
+        for change in scenario.changes
+    ]
+    pairs += [
+        (f'contact "{contact.name}".of', contact.drifter, scenario.object)
+        for contact in contacts
+        for scenario in waves
+    ]
+    different = {
+        place: (own, other)
+        for place, own, other in reversed(pairs)
+        if own is not None and own.stokes != other.stokes
+    }
+    return [
+        f"{place}: the Stokes drift is {_of_stokes(own)}, and {_of_stokes(other)}; both drift in the same waves: "
+        'give leeway.stokes = "added", which adds it to both'
+        for place, (own, other) in reversed(different.items())
+    ]
+
+
+def _of_stokes(drifter: Drifter) -> str:
+    where = "in the lines of" if drifter.stokes == "inside" else "not in the lines of"
+    return f"{where} {drifter.name}"
 
 
 def _drifters(

@@ -22,7 +22,7 @@ from drift.case import build, rest
 from drift.case.forcing import sources
 from drift.case.forcing.sources import SourceTable
 from drift.case.record import Case
-from drift.case.scenario import family
+from drift.case.scenario import catalogue, family
 from drift.case.schema import CaseTable
 from drift.case.values import messages, mistakes, units
 from drift.case.values.mistakes import Mistakes
@@ -33,7 +33,7 @@ from geo.files import small
 from geo.forcing.quantity import QUANTITIES
 
 # keys that name input files
-FILES = ("files", "source", "lakes", "file", "network", "track", "actual")
+FILES = ("files", "source", "lakes", "file", "network", "track", "actual", "catalogue")
 # a long word of the input is shortened in messages
 LONG_WORD = re.compile(r"\S{301,}")
 ALONG = "along the tracks"  # name of the source that stands for columns of a drifter file
@@ -172,27 +172,31 @@ def _plain(value: Any) -> Any:
 def _validate(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> Case:
     """Build the case of a file's tables; raise UserError with all mistakes, those in `wrong`
     too."""
+    unread = Mistakes()  # of the catalogue of leeway classes
+    classes = catalogue.catalogue_of_case(data, path.absolute().parent, unread)
+    context = {"whole": CaseTable, "catalogue": classes}
     try:
         wrong.refuse()
-        case = build.build_case(
-            CaseTable.model_validate(data, context={"whole": CaseTable}), path, text
-        )
+        case = build.build_case(CaseTable.model_validate(data, context=context), path, text)
+        unread.refuse()
         inputs = tuple(
             dict.fromkeys(_input_files(family.expand_families(data), path.absolute().parent))
         )
         return replace(case, inputs=inputs, tables=data)
     except ValidationError as error:
         messages_of_case = (
+            *unread.lines,
             *messages.lines(error, _with_families(data)),
-            *rest.further_mistakes(data, error, path, text, CaseTable),
+            *rest.further_mistakes(data, error, path, text, context),
         )
         raise _error_of_case(
             path, (*_merge_family_mistakes(messages_of_case, data), *_source_mistakes(data, path))
         ) from None
     except UserError as error:
         messages_of_case = (
+            *unread.lines,
             *error.lines,
-            *rest.further_mistakes(data, error, path, text, CaseTable),
+            *rest.further_mistakes(data, error, path, text, context),
         )
         raise _error_of_case(path, _merge_family_mistakes(messages_of_case, data)) from None
     except OverflowError:  # integers beyond the largest float

@@ -55,7 +55,7 @@ def further_mistakes(
     refused: ValidationError | UserError,
     path: Path,
     text: str,
-    schema: type[CaseTable],
+    context: Mapping[str, Any],
 ) -> list[str]:
     """Return the further errors of an invalid case, one line each.
 
@@ -64,7 +64,7 @@ def further_mistakes(
         refused: the errors found first.
         path: the case file; relative paths start from its folder.
         text: text of the file.
-        schema: class of the case's tables.
+        context: validation context of the case's tables; `whole` is their class.
     """
     try:
         rest = Rest(
@@ -72,6 +72,7 @@ def further_mistakes(
         )
     except (ValueError, TypeError):  # already among the mistakes
         return []
+    schema: type[CaseTable] = context["whole"]
     lines: list[str] = []
     error: ValidationError | UserError = refused
     for _ in range(ROUNDS):
@@ -80,9 +81,7 @@ def further_mistakes(
             break
         rest = after
         try:
-            build.build_case(
-                schema.model_validate(rest.data, context={"whole": schema}), path, text
-            )
+            build.build_case(schema.model_validate(rest.data, context=context), path, text)
             break
         except ValidationError as more:
             said = zip(more.errors(), messages.lines(more, rest.data), strict=True)

@@ -13,6 +13,7 @@ from drift.case.about import AboutTable
 from drift.case.expect import Expect
 from drift.case.forcing.sources import SourceTable
 from drift.case.forcing.uncertainty import Uncertainty, UncertaintyTable
+from drift.case.scenario.catalogue import LeewayTable
 from drift.case.scenario.family import FamilyTable, expand_families
 from drift.case.scenario.itinerary import insert_shared_tables
 from drift.case.scenario.scenario import ScenarioTable
@@ -227,6 +228,8 @@ class CaseTable(fields.Table):
     """Sources of the wind."""
     stokes: list[SourceTable] = Field(default_factory=list)
     """Sources of the Stokes drift."""
+    leeway: LeewayTable = LeewayTable()
+    """Leeway classes of your own, and whether leeway lines include the Stokes drift."""
     uncertainty: Uncertainty = UncertaintyTable()
     """Errors of winds and currents; `"none"` sets all to zero."""
     voyage: dict[str, VoyageTable] = Field(default_factory=dict)

@@ -79,8 +79,8 @@ def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | 
         )
     members, law = max(len(where.members), 1), law_of(case)
     edges, numbers = on_scene.step_edges(clock)
-    hypotheses = [(s, member) for s in range(len(where.scenarios)) for member in range(members)]
-    with closing(Forcing(list(where.scenarios), case.direction)) as forcing:
+    hypotheses = [(s, member) for s in range(len(where.water)) for member in range(members)]
+    with closing(Forcing(list(where.water), case.direction)) as forcing:
         fixes, tracked = _track_buoys(case, forcing, law, clock.start + edges, hypotheses)
         sights = reported.sights_of(case, where, forcing, hypotheses, clock.start)
     fixed = np.array(reported.places_of_reports(case.reports)).reshape(1, -1, 2)

@@ -377,6 +377,7 @@ def build_result(job: Job, run: FinishedRun) -> Result:
             *([] if few else summary["warnings"]),
         ]
     summary["warnings"] += environment.warnings(where)
+    summary["warnings"] += run_metadata.object_warnings(case)
     if "reports" in summary:
         summary["warnings"] += summary["reports"].pop("warnings")
     if updates is not None:
@@ -720,7 +721,10 @@ def origin(
         matter = backtrack_chapter.OriginOutputs(
             release, case.spill.finds, run_metadata.map_setting(case, where)
         )
-        run = OutputBundle(facts=run_metadata.file_attributes(case, where))
+        run = OutputBundle(
+            facts=run_metadata.file_attributes(case, where),
+            warnings=tuple(run_metadata.object_warnings(case)),
+        )
         end = OutputBundle(
             {"wall_time_s": job.clock.seconds},
             leaves=(lambda: [run_metadata.case_text_item(case)],),

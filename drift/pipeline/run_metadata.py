@@ -12,6 +12,7 @@ from drift.engine.environment import coastline
 from drift.engine.environment.environment import Environment
 from drift.engine.environment.environment_spec import Coast
 from drift.engine.motion import forcing_error
+from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.scenario import Scenario
 from drift.engine.particles.status import Status
 from drift.forecast import likeliest
@@ -79,6 +80,7 @@ def _report_items(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
         ["Errors", numbers["uncertainty"]["told"] or "none: no target feels wind or current"],
         ["Coast", f"{numbers['coast']['source']}; {run['coast_behaviour']}"],
         *(["Coast", note] for note in numbers["coast"]["notes"]),
+        *(["Object", _object_in_words(one)] for one in numbers["leeway"]),
         *(
             [f'{source["quantity"]} "{source["name"]}"', note]
             for source in numbers["forcing"]
@@ -91,6 +93,15 @@ def _report_items(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
         ),
         case_text_item(case),
     ]
+
+
+def _object_in_words(one: Mapping[str, str]) -> str:
+    """Return a row of `summary_of_objects` as text."""
+    waves = "in its lines" if one["stokes"] == "inside" else "not in its lines"
+    return (
+        f"{one['name']}: {one['description']}; {one['source']}; measured: {one['measured']}; "
+        f"Stokes drift {waves}"
+    )
 
 
 def case_text_item(case: Case) -> Leaf:
@@ -215,6 +226,55 @@ def caution_banner(case: Case) -> str:
 
 def _errors_sentence(description: str) -> str:
     return f"Errors: {description}. " if description else ""
+
+
+def drifting_objects(case: Case) -> list[Drifter]:
+    """Return the objects that drift in a case, what they change to, and debris, each once."""
+    adrift = [scenario.object for scenario in _adrift(case)]
+    others = [
+        *(change.object for scenario in _adrift(case) for change in scenario.changes),
+        *(contact.drifter for contact in case.contacts),
+    ]
+    return list(dict.fromkeys([*adrift, *(one for one in others if one is not None)]))
+
+
+def _adrift(case: Case) -> list[Scenario]:
+    """Return the scenarios whose object drifts at some time."""
+    return [
+        scenario
+        for scenario in case.scenarios
+        if scenario.itinerary is None or scenario.itinerary.distress is not None
+    ]
+
+
+def object_warnings(case: Case) -> list[str]:
+    """Return warnings about the leeway classes of a case: Stokes drift that is not added because
+    the lines include it, and figures of a class that are rough.
+    """
+    objects, lines = drifting_objects(case), []
+    if any(scenario.sources.get("stokes") for scenario in _adrift(case)):
+        names = dict.fromkeys(one.name for one in objects if one.stokes == "inside")
+        if names:
+            lines.append(
+                f"the Stokes drift of [[stokes]] is not added to {', '.join(names)}: leeway lines measured at sea "
+                'include it (docs/leeway.md); leeway.stokes = "added" adds it all the same'
+            )
+    return lines + [f"object {one.name}: {one.warning}" for one in objects if one.warning]
+
+
+def summary_of_objects(case: Case) -> list[dict[str, str]]:
+    """Return the leeway classes of a case, with the source of their lines."""
+    return [
+        {
+            "name": drifter.name,
+            "description": drifter.description,
+            "measured": drifter.measured,
+            "source": drifter.source,
+            "stokes": drifter.stokes,
+        }
+        for drifter in drifting_objects(case)
+        if drifter.measured
+    ]
 
 
 def drifts(case: Case) -> bool:
@@ -350,6 +410,7 @@ def summary_of_run(
             }
             for s in where.sources
         ],
+        "leeway": summary_of_objects(case),
         "inputs": [input_file(path) for path in case.inputs],
         "coast": {
             "source": where.coast.source if where.coast else "none",

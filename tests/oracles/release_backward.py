@@ -90,7 +90,8 @@ def case_of(tmp_path: Path, text: str) -> Case:
 
 
 def environment(source: Source, coast: shoreline.Coast | None = None) -> Environment:
-    return Environment(BOX, (Sources({"current": (source,)}),), (source,), coast, ())
+    forcing = (Sources({"current": (source,)}),)
+    return Environment(BOX, forcing, forcing, (source,), coast, ())
 
 
 @dataclass(frozen=True)

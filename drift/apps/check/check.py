@@ -10,6 +10,7 @@ import numpy as np
 from drift.apps.check import outlook, voyage
 from drift.case.record import Case
 from drift.engine.motion.buoys import BuoyTrack, PointReport
+from drift.engine.motion.leeway import COAST_GUARD
 from drift.engine.motion.scenario import UNCHANGED, Change, Scenario
 from drift.evidence.filter import contacts
 from drift.evidence.filter.records import Barrier, Contact, Field, Line, Look, Presence, Sortie
@@ -92,6 +93,9 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         else "none in the domain",
     }
     lines = {name: text for name, text in lines.items() if text}
+    lines |= {
+        f"leeway, note {k}": note for k, note in enumerate(run_metadata.object_warnings(case), 1)
+    }
     lines |= {f"coast, note {k}": note for k, note in enumerate(environment.notes, 1)}
     lines |= {
         f"{source.quantity} {source.name}": _source(case, source) for source in environment.sources
@@ -187,10 +191,14 @@ def _scenario(scenario: Scenario, dry: float, *, released: bool) -> str:
     """
     own = scenario.itinerary
     adrift = f"{scenario.object.name}: {scenario.object.description}"
+    if scenario.object.source not in ("", COAST_GUARD):
+        adrift += f" ({scenario.object.source}; measured: {scenario.object.measured})"
     text = f"{_weight(scenario.weight)}, {adrift if own is None else voyage.itinerary_in_words(own, adrift)}"
     text += "" if released else _around(scenario.prior)
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
+    if scenario.object.measured == "direct" and not scenario.sources.get("stokes"):
+        text += "; its lines leave out the Stokes drift: add [[stokes]]"
     if dry > 0:
         text += f"; {notation.percent(dry)} of its starting positions are on land and ignored"
     if scenario.survival is not None:

@@ -84,10 +84,12 @@ def parser() -> Parser:
 
     _add_output(export.add(commands))
     _add_compare(commands)
+    _add_budget(commands)
 
     _add_output(fetch.add(commands))
 
     _add_verify(commands)
+    _add_score(commands)
 
     fit = commands.add_parser(
         "fit-errors", help="fit a case's [uncertainty] to the tracks of real drifters"
@@ -133,6 +135,9 @@ def parser() -> Parser:
     objects = commands.add_parser("objects", help="list leeway classes, or search them")
     objects.add_argument(
         "words", nargs="*", metavar="WORDS", help="only classes that contain every word"
+    )
+    objects.add_argument(
+        "--catalogue", type=Path, metavar="FILE", help="with the classes of your own catalogue"
     )
     _add_output(objects, quiet=False)
 
@@ -286,6 +291,31 @@ def _add_compare(commands: Any) -> None:
     _add_results(compare, "NAME-compare")
 
 
+def _add_budget(commands: Any) -> None:
+    budget = commands.add_parser(
+        "budget",
+        help="show what drives the areas of a case: the share of start, current, wind, leeway and "
+        "other sources, and where models agree",
+    )
+    _add_case(budget)
+    budget.add_argument(
+        "--time",
+        action="append",
+        default=[],
+        dest="times",
+        metavar="TIME",
+        help="like 211830ZNOV26 or '+6 h'; may be repeated (default: output.datum, or the end)",
+    )
+    budget.add_argument(
+        "--particles",
+        type=int,
+        default=10_000,
+        metavar="N",
+        help="in each small forecast (default: 10000)",
+    )
+    _add_results(budget, "NAME-budget")
+
+
 def _add_verify(commands: Any) -> None:
     verify = commands.add_parser(
         "verify", help="forecast real drifters from many starts and score the forecasts"
@@ -308,6 +338,35 @@ def _add_verify(commands: Any) -> None:
         "--particles", type=int, default=4000, metavar="N", help="in each forecast (default: 4000)"
     )
     _add_results(verify, "NAME-verify")
+
+
+def _add_score(commands: Any) -> None:
+    score = commands.add_parser(
+        "score", help="score finished runs against the places where the objects were found"
+    )
+    score.add_argument(
+        "folders", nargs="+", metavar="FOLDER", help="results of drift run, one folder a case"
+    )
+    score.add_argument(
+        "--found",
+        metavar="FILE",
+        help="CSV with the columns run (name of the folder), time, lon and lat (default: the "
+        "contact called found in each case)",
+    )
+    score.add_argument(
+        "--within",
+        default="1 h",
+        metavar="TIME",
+        help="largest time from a find to an output, if there is none on its other side "
+        "(default: 1 h)",
+    )
+    score.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the results (default: score)"
+    )
+    score.add_argument(
+        "--overwrite", action="store_true", help="replace results that the folder contains"
+    )
+    _add_output(score)
 
 
 def _add_bridge(commands: Any) -> None:

@@ -1,4 +1,4 @@
-"""Commands that run a case: run, plan, origin, compare, verify, fit-errors, check."""
+"""Commands that run or score a case: run, plan, origin, compare, budget, verify, score and more."""
 
 import argparse
 import sys
@@ -95,12 +95,13 @@ def origin(args: argparse.Namespace) -> Answer:
     """Run a spill backward from its finds."""
     with _prepared_run(args, "origin") as (case, out, options):
         from drift.apps.cli import outcome
-        from drift.pipeline import flow
+        from drift.pipeline import flow, run_metadata
         from drift.spills.backtrack import backward
 
         release = flow.origin(case, out, **options)
-    found, warnings = backward.summary_of_origin(release), backward.origin_warnings(release)
-    numbers = {"origin": found, "warnings": list(warnings)}
+    found = backward.summary_of_origin(release)
+    warnings = [*backward.origin_warnings(release), *run_metadata.object_warnings(case)]
+    numbers = {"origin": found, "warnings": warnings}
     return Answer(case.title, outcome.origin(found, warnings), (f"Results in {out}",), numbers, out)
 
 
@@ -130,6 +131,18 @@ def compare(args: argparse.Namespace) -> Answer:
     )
 
 
+def budget(args: argparse.Namespace) -> Answer:
+    """Show what drives the areas of a case."""
+    with _prepared_run(args, "budget") as (case, out, options):
+        from drift.assess.budget import command, text
+
+        found = command.budget(case, out, times=args.times, particles=args.particles, **options)
+    many = 2 ** len(found.sources)
+    line = f"{many} forecasts of {found.particles:,} particles, seed {case.seed}\nResults in {out}"
+    facts, numbers = text.budget_facts(found), {"budget": text.summary_of_budget(found)}
+    return Answer(f"{case.title}: what drives the area", facts, (line,), numbers, out)
+
+
 def verify(args: argparse.Namespace) -> Answer:
     """Forecast real drifters from many starts and score the forecasts."""
     drifters = take.drifter_reading_options(args)
@@ -150,6 +163,20 @@ def verify(args: argparse.Namespace) -> Answer:
         {"verification": files.summary_of_verification(verified)},
     )
     return Answer(case.title, facts, (f"Results in {out}",), numbers, out)
+
+
+def score(args: argparse.Namespace) -> Answer:
+    """Score finished runs against the places where the objects were found."""
+    within = take.parse_positive_quantity(args.within, "s", "--within", "1 h")
+    out = args.out or Path("score")
+    with interrupt.exit_on_signal():
+        from drift.assess.score import command, text
+
+        found = command.score(
+            args.folders, out, found=args.found, within=within, overwrite=args.overwrite
+        )
+    facts, numbers = text.score_facts(found), {"score": text.summary_of_score(found)}
+    return Answer("Scores of past cases", facts, (f"Results in {out}",), numbers, out)
 
 
 def fit_errors(args: argparse.Namespace) -> Answer:

@@ -53,23 +53,34 @@ NO_SEARCH_OBJECT = "no sweep width table fits; give sweep_width instead"
 
 def objects(args: argparse.Namespace) -> Answer:
     """List leeway classes, or search them."""
-    from drift.engine.motion import everyday, leeway
+    from drift.engine.motion import everyday
+    from drift.engine.motion.leeway import COAST_GUARD, Catalogue
 
-    words = " ".join(args.words)
-    classes = leeway.search_classes(words)
+    words, known = " ".join(args.words), Catalogue()
+    if args.catalogue:
+        from drift.case.scenario import catalogue  # pydantic takes half a second
+
+        known = catalogue.read_catalogue(args.catalogue)
+    classes = known.search(words)
     if not classes:
         raise UserError(
-            f'no leeway class contains "{words}"; list all: drift objects. If none fits, '
+            f'no leeway class contains "{words}"; list all: {known.command}. If none fits, '
             "describe the object in the case: "
             'object = { windage = "3 %" }, or leeway coefficients of your own'
         )
-    names = tuple(leeway.classes())
+    names = tuple(known.classes)
     meant = ((word, everyday.classes_of_word(word, names)) for word in everyday.split_words(words))
     notes = [f"{word}: {meaning.note}." for word, meaning in meant if meaning and meaning.note]
     seen: dict[str, list[str]] = {}
     for drifter in classes:
         found = everyday.search_objects(drifter.name)
         seen.setdefault(found.words if found else NO_SEARCH_OBJECT, []).append(drifter.name)
+
+    sources: dict[str, list[str]] = {}
+    for drifter in classes:
+        if drifter.source != COAST_GUARD:
+            source = f"{drifter.source}; measured: {drifter.measured}. {drifter.warning}".strip()
+            sources.setdefault(source, []).append(drifter.name)
 
     def show() -> None:
         table = terminal.empty_table("Class", "Description")
@@ -89,6 +100,13 @@ def objects(args: argparse.Namespace) -> Answer:
             terminal.print_line(
                 f"Mean drift is upwind, as published, in winds below [m/s]: {listed} "
                 "(docs/leeway.md)."
+            )
+        for source, drifters in sources.items():
+            terminal.print_line(f"{', '.join(drifters)}: {source}")
+        if added := [drifter.name for drifter in classes if drifter.stokes == "added"]:
+            terminal.print_line(
+                f"Stokes drift of a case is added to the lines of {', '.join(added)}; those of the "
+                "others include it (docs/leeway.md)."
             )
         for target, drifters in seen.items():
             terminal.print_line(f"search_object of {_shortened(drifters)}: {target}")
@@ -127,6 +145,10 @@ def _numbers(drifter: Any) -> dict[str, Any]:
         "name": drifter.name,
         "description": drifter.description,
         "level": drifter.level,
+        "measured": drifter.measured,
+        "source": drifter.source,
+        "stokes": drifter.stokes,
+        "warning": drifter.warning,
         "search_objects": list(found.names) if found else [],
         **{
             name: {"slope": line.slope, "offset_m_per_s": line.offset, "std_m_per_s": line.std}

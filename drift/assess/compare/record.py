@@ -51,12 +51,16 @@ class Contrast:
 
     @property
     def names(self) -> tuple[str, str]:
-        """Names of A and B: their titles; if these are equal, the changes of B."""
+        """Names of A and B: their titles; if these are equal, the changes of B, or the files."""
         a, b = self.a.case, self.b.case
         if a.title != b.title:
             return a.title, b.title
         own = Counter(_changes(b.text)) - Counter(_changes(a.text))
-        return "as it is", ", ".join(own) or "the same"
+        if a.path == b.path or a.text == b.text:
+            return "as it is", ", ".join(own) or "the same"
+        parts = 1 if a.path.name != b.path.name else 2  # with the folder
+        files = ["/".join(case.path.parts[-parts:]) for case in (a, b)]
+        return files[0], ", ".join([files[1], *own])
 
     @property
     def given(self) -> tuple[str, str]:

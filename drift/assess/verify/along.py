@@ -33,7 +33,7 @@ MARGIN = 0.3  # [deg] margin about all tracks within which forcing is read
 # keys of a case that a comparison with drifters does not use
 ELSEWHERE = (
     *("sortie", "contact", "unit", "plan", "resampling", "expect", "find", "patrol"),
-    "drifter",
+    *("drifter", "report"),
 )
 
 
@@ -251,7 +251,7 @@ def case_over_tracks(case: Case, tracks: Sequence[Track]) -> Case:
     return case_file.vary(
         case,
         {
-            **dict.fromkeys((*ELSEWHERE, "spill", "end"), None),
+            **dict.fromkeys((*ELSEWHERE, "spill", "end", "leeway"), None),
             "direction": "forward",
             "start": np.datetime64(int(np.floor(first)), "s"),
             "duration": float(np.ceil(last) - np.floor(first)),

@@ -64,5 +64,9 @@ def verification_bundle(verification: Verification) -> OutputBundle:
         "inputs": inputs,
     }
     return OutputBundle(
-        numbers, bind_outputs(FILES, outputs), bind_outputs(PICTURES, outputs), attributes
+        numbers,
+        bind_outputs(FILES, outputs),
+        bind_outputs(PICTURES, outputs),
+        attributes,
+        tuple(run_metadata.object_warnings(case)),
     )

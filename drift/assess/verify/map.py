@@ -2,6 +2,7 @@
 
 import itertools
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +14,8 @@ from drift.products.maps import sheet
 from drift.products.maps.chart import GREY, INK
 from drift.products.maps.imprint import Imprint
 from drift.products.maps.sheet import Row, Sheet
+from drift.tracking.tracks.clusters import Estimate
+from geo.array import Array
 from geo.notation import NMI
 
 BLUE, RED, SAND = "#0b4f8a", "#a33b20", "#b9802a"
@@ -48,7 +51,7 @@ def plot_verification(result: Verification, path: Path, imprint: Imprint) -> Non
             (result.across, f"Rank across the drift {last}", "drifter to the left", "to the right"),
         )
     ):
-        _ranks(
+        plot_ranks(
             figure.add_axes((0.07 + 0.315 * k, 0.11, 0.26, 0.26)),
             result,
             ranks[:, -1],
@@ -124,7 +127,7 @@ def _distances(axes: Axes, result: Verification) -> None:
     axes.set_xlim(0, hours[-1])
     axes.set_ylim(0, None)
     axes.legend(fontsize=7, frameon=False, loc="upper left")
-    _style_axes(axes)
+    style_axes(axes)
 
 
 def _held(axes: Axes, result: Verification) -> None:
@@ -161,13 +164,27 @@ def _held(axes: Axes, result: Verification) -> None:
         color=INK,
     )
     axes.legend(fontsize=8, frameon=False, loc="lower right", ncols=2)
-    _style_axes(axes)
+    style_axes(axes)
 
 
-def _ranks(
-    axes: Axes, result: Verification, ranks: np.ndarray, title: str, low: str, high: str
-) -> None:
-    """Draw a histogram of ranks (n,) with two standard errors, and the level of uniform ranks."""
+class Averaged(Protocol):
+    """Scores whose means have standard errors: `Verification.mean`."""
+
+    def mean(self, values: Array, *, share: bool = False) -> Estimate:
+        """Return the mean of values by forecast, (n,), with its standard error."""
+
+
+def plot_ranks(axes: Axes, result: Averaged, ranks: Array, title: str, low: str, high: str) -> None:
+    """Draw a histogram of ranks (n,) with two standard errors, and the level of uniform ranks.
+
+    Args:
+        axes: to draw in.
+        result: computes means over forecasts with their errors.
+        ranks: 0 to 1, (n,).
+        title: of the diagram.
+        low: what rank 0 means.
+        high: what rank 1 means.
+    """
     number = np.minimum((ranks * verification.BINS).astype(int), verification.BINS - 1)
     estimates = [result.mean(number == k, share=True) for k in range(verification.BINS)]
     middle = (np.arange(verification.BINS) + 0.5) / verification.BINS
@@ -191,10 +208,11 @@ def _ranks(
     labels[0].set_horizontalalignment("left")
     labels[-1].set_horizontalalignment("right")
     axes.set_yticks(ticks := axes.get_yticks()[:6], [f"{100 * tick:.0f} %" for tick in ticks])
-    _style_axes(axes)
+    style_axes(axes)
 
 
-def _style_axes(axes: Axes) -> None:
+def style_axes(axes: Axes) -> None:
+    """Style the axes of a diagram: small labels, horizontal lines, no frame at top and right."""
     axes.tick_params(labelsize=8, colors=INK)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="y", color="#d5dbe1", linewidth=0.6)

@@ -8,11 +8,12 @@ from drift.assess.verify import verification
 from drift.assess.verify.verification import Verification
 from drift.engine.motion import forcing_error
 from drift.tracking.tracks.clusters import Estimate
-from geo import notation
+from geo import notation, sphere
 from geo.notation import NMI
 
 Facts = dict[str, str]
 
+EARTH = 4 * math.pi * (sphere.RADIUS / 1000) ** 2  # [km2] its surface
 MOST_LOST = 0.05  # if a larger share of the probability is lost, areas of the rest are not judged
 
 
@@ -63,6 +64,17 @@ def _more(error: float, digits: int, scale: float = 1.0) -> str:
     return f" ± {error / scale:.{digits}f}" if math.isfinite(error) else ""
 
 
+def uniform_area(log_score: float) -> str:
+    """Return a log score [log of 1/km2] as the uniform area with that density, in words.
+
+    None is larger than the Earth.
+    """
+    if -log_score > math.log(EARTH):
+        return "a lower density than if it were uniform over the whole Earth"
+    area = f"{math.exp(-log_score) * 1e6 / NMI**2:.3g}"
+    return f"the density of a uniform area of {float(area):,.9g} nmi2"
+
+
 def headline(result: Verification) -> str:
     """Return the sentence on the HEADLINE area at the longest lead."""
     text = coverage_sentence(result, len(result.leads) - 1, verification.HEADLINE)
@@ -104,11 +116,10 @@ def verification_facts(result: Verification) -> Facts:
             for share in result.shares
         )
         energy, log = result.mean(result.energy[:, lead]), result.mean(result.log[:, lead])
-        area = math.exp(min(-log.mean, 500.0)) * 1e6 / NMI**2
         lines[f"after {hours:g} h, scores"] = (
             f"energy score {energy.mean / NMI:.2f}{_more(energy.error, 2, NMI)} nmi, staying put "
-            f"{persistence.mean / NMI:.2f}; log score {log.mean:.2f}{_more(log.error, 2)} (the density "
-            f"of a uniform area of {area:,.3g} nmi2)"
+            f"{persistence.mean / NMI:.2f}; log score {log.mean:.2f}{_more(log.error, 2)} "
+            f"({uniform_area(log.mean)})"
         )
         if aground := _aground(result, column):
             lines[f"after {hours:g} h, aground"] = aground

@@ -148,9 +148,10 @@ def error(
     )
     if table is None:
         return default_or_none
-    bias = getattr(table, "bias", None)
+    bias, tail = getattr(table, "bias", None), getattr(table, "tail", None)
     unsized = table.std is None and bias is None
-    if unsized and default_or_none.std == 0 and (table.time is not None or table.length is None):
+    only_length = table.length is not None and table.time is None and tail is None
+    if unsized and default_or_none.std == 0 and not only_length:
         raise UserError(
             f'uncertainty.{key}: has no std, and there is no default ({reason}); give one, or write "none"'
         )
@@ -164,7 +165,6 @@ def error(
     )
     bias, bias_by = (default_or_none.bias, default_or_none.by[2]) if bias is None else (bias, CASE)
     length = default.length if table.length is None else table.length
-    tail = getattr(table, "tail", None)
     if tail is None:
         tail = default_or_none.tail if table.std is None else math.inf
     return ForcingError(std, time, bias, (std_by, time_by, bias_by), length, tail)

@@ -3,11 +3,11 @@
 from typing import Annotated
 
 import numpy as np
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, PrivateAttr, ValidationInfo, model_validator
 
 from drift.case.values import fields
 from drift.engine.motion import leeway
-from drift.engine.motion.leeway import Drifter, Line
+from drift.engine.motion.leeway import Catalogue, Drifter, Line
 from drift.evidence.filter.detection import sweep_width
 from geo import notation
 from geo.errors import UserError
@@ -30,6 +30,17 @@ class LineTable(fields.Table):
         return Line(self.slope, self.offset, self.std)
 
 
+def lines_of(
+    downwind: LineTable, right: LineTable | None, left: LineTable | None
+) -> tuple[Line, Line, Line]:
+    """Return the records of three leeway lines; without crosswind lines these are 0."""
+    return (
+        downwind.line(),
+        right.line() if right else Line(),
+        left.line() if left else Line(),
+    )
+
+
 class ObjectTable(fields.Table):
     """An object: a leeway class, leeway lines of your own, windage, or an immersion level."""
 
@@ -48,10 +59,13 @@ class ObjectTable(fields.Table):
     immersion: fields.ShareRange | None = None
     """In place of leeway lines: share of the object under water, 5 to 100 %, or a range; drift
     computes the leeway from it."""
+    # the classes that it may name, from the validation context
+    _catalogue: Catalogue = PrivateAttr(default_factory=Catalogue)
 
     @model_validator(mode="after")
-    def one_kind(self) -> "ObjectTable":
+    def one_kind(self, info: ValidationInfo) -> "ObjectTable":
         """Reject an incomplete description of the object, or two at once."""
+        self._catalogue = (info.context or {}).get("catalogue", self._catalogue)
         if self.immersion is not None:
             if self.downwind or self.windage is not None or self.right or self.left or self.spread:
                 raise ValueError("immersion alone determines the leeway; leave the other keys out")
@@ -65,7 +79,7 @@ class ObjectTable(fields.Table):
                     'give a class ("PIW-1"), { downwind, right, left }, { windage, spread } or "water"'
                 )
             try:
-                leeway.find_class(self.name)
+                self._catalogue.find(self.name)
             except UserError as error:
                 raise ValueError(str(error)) from None
         elif self.downwind is not None and self.downwind.slope < 0:
@@ -87,6 +101,9 @@ class ObjectTable(fields.Table):
 
     def drifter(self) -> Drifter:
         """Return the record of the drifting object."""
+        return self._catalogue.with_stokes(self._drifter())
+
+    def _drifter(self) -> Drifter:
         still = Line()
         if self.immersion is not None:
             low, high = self.immersion
@@ -106,11 +123,12 @@ class ObjectTable(fields.Table):
                 still,
             )
         if self.downwind is not None:
-            right, left = (line.line() if line else still for line in (self.right, self.left))
             return Drifter(
-                self.name or "own lines", "Leeway of the case", self.downwind.line(), right, left
+                self.name or "own lines",
+                "Leeway of the case",
+                *lines_of(self.downwind, self.right, self.left),
             )
-        return leeway.find_class(str(self.name))
+        return self._catalogue.find(str(self.name))
 
 
 def _search_object(value: object) -> object:

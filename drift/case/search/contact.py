@@ -317,6 +317,7 @@ class ContactTable(fields.Table):
                 given
                 | tables
                 | {"name": f"{self.name or 'bearing'} {number}", "time": time, "bearing": bearing}
+                | ({} if self.of is None else {"of": self.of})
             )
             try:
                 found.append(ContactTable.model_validate(row))

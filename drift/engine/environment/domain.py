@@ -12,7 +12,6 @@ from drift.engine.environment.environment_spec import EnvironmentSpec
 from drift.engine.environment.forcing_spec import ForcingSpec
 from drift.engine.motion import drift
 from drift.engine.motion.ensemble_spec import EnsembleSpec
-from drift.engine.motion.forcing_error import ForcingError
 from drift.engine.motion.models import model_of
 from drift.engine.motion.scenario import Scenario
 from geo import sphere
@@ -70,8 +69,7 @@ def within_reach(spec: EnsembleSpec) -> Box:
     """
 
     def carried(leeway: float) -> float:
-        error = spec.errors.current
-        speed = FASTEST_CURRENT + leeway + 3 * _scaled(error) * (error.std + error.bias)
+        speed = FASTEST_CURRENT + leeway + _error_speed(spec, 3)
         if spec.release:
             speed += leeway * (math.exp(2 * spec.release.windage_bias) - 1)
         return speed
@@ -81,9 +79,21 @@ def within_reach(spec: EnsembleSpec) -> Box:
     return around(spec, _fastest_of(spec, objects + debris, carried), SPREADS)
 
 
-def _scaled(error: ForcingError) -> float:
-    """Return how many times wider a tail makes the errors that boxes allow for."""
-    return SCALE if error.tailed else 1.0
+def _error_speed(spec: EnsembleSpec, spreads: float) -> float:
+    """Return the mean speed over a run [m/s] that boxes allow for errors of the current.
+
+    With a tail it is SCALE times that of the displacement, which grows with the square root of time,
+    if that is more. SCALE times the first one would make a run of ten days span an ocean.
+
+    Args:
+        spec: of the ensemble.
+        spreads: number of standard deviations.
+    """
+    error, duration = spec.errors.current, spec.period.duration
+    speed = spreads * (error.std + error.bias)
+    if error.tailed:
+        speed = max(speed, spreads * SCALE * error.displacement(duration) / duration)
+    return speed
 
 
 def outermost_box(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
@@ -91,8 +101,8 @@ def outermost_box(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
 
     It assumes speeds that no sea sustains, or those of the case if they are higher, and extreme
     errors. With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten
-    million in a thousand runs. A particle that leaves the box nevertheless counts as having left
-    the domain.
+    million in a thousand runs, and with a tail up to three of ten million in a run. A particle that
+    leaves the box nevertheless counts as having left the domain.
     """
     utmost = {
         name: _fastest(asked.forcing.get(name, ()), quantity)
@@ -105,8 +115,7 @@ def outermost_box(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
             sum(utmost[name] for name, quantity in QUANTITIES.items() if not quantity.in_air)
             + leeway
         )
-        error = spec.errors.current
-        speed += FARTHEST * _scaled(error) * (error.std + error.bias)
+        speed += _error_speed(spec, FARTHEST)
         if spec.release:
             speed += leeway * math.exp(FARTHEST * spec.release.windage_bias)
         return speed + FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)

@@ -42,10 +42,15 @@ COARSEST = 4.0  # [deg] the lattice's widest spacing
 
 @dataclass(frozen=True)
 class Environment:
-    """The forcing of each scenario, the coast (None without one), and the domain of the run."""
+    """The forcing of each scenario, the coast (None without one), and the domain of the run.
+
+    scenarios: what moves the objects of each. water: the same with the Stokes drift also where the
+    leeway lines of its object include it: what moves the water, and a buoy in it.
+    """
 
     box: Box
     scenarios: tuple[Sources, ...]
+    water: tuple[Sources, ...]
     sources: tuple[Source, ...]
     coast: shoreline.Coast | None
     notes: tuple[str, ...]
@@ -113,12 +118,15 @@ def open_for(
     cells = {(source.quantity, source.name): source.fill for source in asked.sources}
     added = frozenset((source.quantity, source.name) for source in asked.sources if source.add)
     opened = {key: _with_notes(source, added) for key, source in opened.items()}
-    scenarios = []
+    water, scenarios = [], []
     for scenario in spec.scenarios:
         by_quantity = {
             quantity: tuple(opened[quantity, name] for name in names)
             for quantity, names in _names(spec, scenario).items()
         }
+        water.append(Sources(by_quantity, cells, added))
+        if scenario.object.stokes == "inside":
+            by_quantity = {**by_quantity, "stokes": ()}
         scenarios.append(Sources(by_quantity, cells, added))
     without: dict[str, list[str]] = {}  # scenarios by message
     for scenario, named in zip(spec.scenarios, scenarios, strict=True):
@@ -155,7 +163,13 @@ def open_for(
         for source in named.of(quantity)
     }
     return Environment(
-        box, tuple(scenarios), shown, coast, land.notes, _members(list(used.values()))
+        box,
+        tuple(scenarios),
+        tuple(water),
+        shown,
+        coast,
+        land.notes,
+        _members(list(used.values())),
     )
 
 

@@ -40,6 +40,16 @@ class ForcingError:
         """Whether each particle has a scale of its own."""
         return math.isfinite(self.tail)
 
+    def displacement(self, duration: float) -> float:
+        """Return the standard deviation of a component of what the error does to a position [m].
+
+        Args:
+            duration: for which a particle drifts [s].
+        """
+        share = duration / self.time
+        walk = 2 * (self.std * self.time) ** 2 * (share + math.expm1(-share))
+        return math.sqrt(walk + (self.bias * duration) ** 2)
+
 
 @dataclass(frozen=True)
 class Errors:
@@ -94,14 +104,15 @@ def _words(quantity: str, error: ForcingError) -> str:
         parts.append((f"{notation.number(error.bias)} m/s that lasts", bias))
     if not parts:
         return f"no error of the {quantity} ({std})"
-    if error.tailed:
-        parts[-1] = (
-            f"{parts[-1][0]}, Student's with {notation.number(error.tail)} degrees of freedom",
-            parts[-1][1],
-        )
+    law, alone = "", ""
+    if error.tailed:  # no default has a tail
+        law = f", Student's with {notation.number(error.tail)} degrees of freedom"
+        if parts[-1][1] != CASE:
+            law, alone = "", f"{law} ({CASE})"
+    parts[-1] = (parts[-1][0] + law, parts[-1][1])
     if len({whose for _, whose in parts}) == 1:
         parts = [(" and ".join(text for text, _ in parts), parts[0][1])]
-    return f"{quantity} {' and '.join(f'{text} ({whose})' for text, whose in parts)}"
+    return f"{quantity} {' and '.join(f'{text} ({whose})' for text, whose in parts)}{alone}"
 
 
 def summary_of_errors(
@@ -113,7 +124,8 @@ def summary_of_errors(
             "std_m_s": error.std,
             "time_s": error.time,
             "bias_m_s": error.bias,
-            "by": dict(zip(("std", "time", "bias"), error.by, strict=True)),
+            "by": dict(zip(("std", "time", "bias"), error.by, strict=True))
+            | ({"tail": CASE} if error.tailed else {}),
             **({"tail": error.tail} if error.tailed else {}),
         }
         for name, error in (("current", current), ("wind", wind))

@@ -2,21 +2,37 @@
 
 Leeway has a downwind and a crosswind component. Each is slope * wind speed at 10 m + offset, on a
 downwind, a right and a left line (Allen and Plourde 1999, CG-D-08-99; Allen 2005, CG-D-05-05). The
-left line is not the mirror image of the right one. The project's table data/leeway.csv is in % and
-cm/s; everything returned is SI.
+left line is not the mirror image of the right one. The project's tables are in % and cm/s:
+data/leeway.csv has the 85 classes of the US Coast Guard, data/leeway_later.csv classes published
+since, with the source of each. An agency adds its own by a `Catalogue`. Everything returned is SI.
 """
 
 import csv
 import difflib
-from dataclasses import dataclass
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib import resources
-from typing import Any
+from typing import Any, Literal
 
 from drift.engine.motion import everyday
 from geo.errors import UserError
 
 AIR_IN_WATER = 0.0346  # sqrt(1.225 kg/m3 / 1025 kg/m3)
+TABLES = ("leeway.csv", "leeway_later.csv")
+COAST_GUARD = "Allen and Plourde 1999, CG-D-08-99; Allen 2005, CG-D-05-05"  # of the first table
+
+Stokes = Literal["inside", "added"]
+# Whether lines include the Stokes drift, by the method with which they were measured (docs/leeway.md).
+# Direct: relative to the water at the object, which the waves carry too (Sutherland et al. 2024,
+# doi:10.1007/s10236-024-01600-3). Otherwise the convention of services holds: it is inside.
+STOKES: dict[str, Stokes] = {
+    "direct": "added",
+    "indirect": "inside",
+    "unknown": "inside",
+    "estimated": "inside",
+}
 
 
 @dataclass(frozen=True)
@@ -60,6 +76,11 @@ class Drifter:
     # share under water, uniform between objects; down holds the mean
     immersion: tuple[float, float] | None = None
     blown: bool = False  # whether a motion model without leeway lines uses the wind
+    # "inside": the lines include the Stokes drift, so that of [[stokes]] is not added
+    stokes: Stokes = "added"
+    measured: str = ""  # how the lines were found, a key of STOKES; "": not a class
+    source: str = ""  # of the lines
+    warning: str = ""  # reported wherever such an object drifts
 
     @property
     def uses_wind(self) -> bool:
@@ -98,10 +119,13 @@ WATER = Drifter("water", "Water particle: moves with the current only", Line(), 
 
 @lru_cache(maxsize=1)
 def classes() -> dict[str, Drifter]:
-    """Return the 85 published classes by name, in the table's order."""
-    text = resources.files("drift.data").joinpath("leeway.csv").read_text(encoding="utf-8")
-    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
-    return {row["name"]: _drifter(row) for row in rows}
+    """Return the shipped classes by name, in the tables' order: those of the US Coast Guard first."""
+    return {row["name"]: _drifter(row) for table in TABLES for row in _rows(table)}
+
+
+def _rows(table: str) -> list[dict[str, str]]:
+    text = resources.files("drift.data").joinpath(table).read_text(encoding="utf-8")
+    return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
 
 
 def _drifter(row: dict[str, str]) -> Drifter:
@@ -111,47 +135,107 @@ def _drifter(row: dict[str, str]) -> Drifter:
         )
         return Line(slope / 100, offset / 100, std / 100)
 
-    return Drifter(
-        row["name"],
-        row["description"],
-        line("down"),
-        line("right"),
-        line("left"),
-        level=int(row["level"]),
+    return class_of(
+        Drifter(
+            row["name"],
+            row["description"],
+            line("down"),
+            line("right"),
+            line("left"),
+            level=int(row["level"]),
+            measured=row["measured"],
+            source=row.get("source") or COAST_GUARD,
+            warning=row.get("warning") or "",
+        )
     )
 
 
-def find_class(name: str) -> Drifter:
-    """Return a class by name, ignoring case; raise UserError with the nearest name if it is
-    unknown.
+def class_of(drifter: Drifter) -> Drifter:
+    """Return a class with `stokes` by the way in which it was measured; lines of 0 include
+    nothing.
     """
-    if name.lower() == WATER.name:
-        return WATER
-    table = classes()
-    if name.upper() in (names := {key.upper(): key for key in table}):
-        return table[names[name.upper()]]
-    near = difflib.get_close_matches(name.upper(), names, n=1, cutoff=0.5)
-    hint = f'nearest is "{names[near[0]]}"' if near else _hint(name)
-    raise UserError(f'no leeway class "{name}"; {hint}. See: drift objects')
+    return replace(drifter, stokes=STOKES[drifter.measured] if drifter.uses_wind else "added")
 
 
-def _hint(name: str) -> str:
-    matches = search_classes(name.replace("-", " ").replace("_", " "))
-    return f'such as "{matches[0].name}"' if matches else 'or "water" for a pure water drifter'
+@dataclass(frozen=True)
+class Catalogue:
+    """The classes that a case may name: the shipped ones, and those of an agency's own file."""
+
+    own: Mapping[str, Drifter] = field(default_factory=dict)  # by name, in the file's order
+    file: str = ""  # its path; "": none
+    stokes: Stokes | None = None  # replaces that of every object
+    readable: bool = True  # False: the file has mistakes, so its names are not known
+
+    @property
+    def classes(self) -> dict[str, Drifter]:
+        """All classes by name, the agency's own first."""
+        return {**self.own, **classes()}
+
+    @property
+    def command(self) -> str:
+        """The command that lists these classes."""
+        return (
+            f"drift objects --catalogue {shlex.quote(self.file)}" if self.file else "drift objects"
+        )
+
+    def find(self, name: str) -> Drifter:
+        """Return a class by name, ignoring case.
+
+        Raises:
+            UserError: there is none; the message has the nearest name.
+        """
+        if name.lower() == WATER.name:
+            return WATER
+        table = self.classes
+        names = {key.upper(): key for key in table}
+        if name.upper() in names:
+            return table[names[name.upper()]]
+        if not self.readable:
+            return WATER  # the mistakes of the file are reported instead
+        near = difflib.get_close_matches(name.upper(), names, n=1, cutoff=0.5)
+        hint = f'nearest is "{names[near[0]]}"' if near else self._hint(name)
+        raise UserError(f'no leeway class "{name}"; {hint}. See: {self.command}')
+
+    def _hint(self, name: str) -> str:
+        matches = self.search(name.replace("-", " ").replace("_", " "))
+        return f'such as "{matches[0].name}"' if matches else 'or "water" for a pure water drifter'
+
+    def search(self, words: str = "") -> list[Drifter]:
+        """Return the classes whose name or description, or that of their main class, has every
+        word.
+
+        Case is ignored. Everyday words, such as yacht, match the classes they cover:
+        drift.engine.motion.everyday.
+        """
+        return _matching(words, self.classes)
+
+    def with_stokes(self, drifter: Drifter) -> Drifter:
+        """Return a drifter with the case's own answer to whether its lines include the Stokes
+        drift. Water has no lines, and always moves with the waves.
+        """
+        if self.stokes is None or drifter == WATER:
+            return drifter
+        return replace(drifter, stokes=self.stokes)
+
+
+def find_class(name: str) -> Drifter:
+    """Return a shipped class by name, ignoring case; raise UserError with the nearest name if it
+    is unknown.
+    """
+    return Catalogue().find(name)
 
 
 def search_classes(words: str = "") -> list[Drifter]:
-    """Return the classes whose name or description, or that of their main class, has every word.
+    """Return the shipped classes that have every word, as `Catalogue.search` does."""
+    return Catalogue().search(words)
 
-    Case is ignored. Everyday words, such as yacht, match the classes they cover:
-    drift.engine.motion.everyday.
-    """
+
+def _matching(words: str, table: Mapping[str, Drifter]) -> list[Drifter]:
     wanted = [
-        (word, everyday.classes_of_word(word, tuple(classes())))
-        for word in everyday.split_words(words)
+        (word, everyday.classes_of_word(word, tuple(table))) for word in everyday.split_words(words)
     ]
     matches, above = [], [""] * 8
-    for drifter in classes().values():
+    for drifter in table.values():
         above[drifter.level] = f"{drifter.name} {drifter.description}".lower()
         text = " ".join(above[: drifter.level + 1])
         if all(word in text or (meant and drifter.name in meant.classes) for word, meant in wanted):

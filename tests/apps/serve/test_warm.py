@@ -5,6 +5,7 @@ import os
 import signal
 import threading
 import time
+from importlib import resources
 from typing import Any
 
 import pytest
@@ -59,7 +60,12 @@ def test_objects_in_everyday_words(served: Server) -> None:
     found = served.json("GET", "/api/objects")["objects"]
     kayak = [one["name"] for one in found if "kayak" in one["words"]]
     assert kayak == ["PERSON-POWERED-VESSEL-1"]
-    assert len(found) == 86  # the published classes, and water
+    table = resources.files("drift.data").joinpath("leeway.csv").read_text(encoding="utf-8")
+    rows = [line.split(",")[0] for line in table.splitlines() if not line.startswith("#")]
+    names = [one["name"] for one in found]
+    assert set(rows[1:]) <= set(names)  # the published classes, below the header of their table
+    assert names[-1] == "water"
+    assert all(one["description"] for one in found)
 
 
 @pytest.fixture(scope="module")

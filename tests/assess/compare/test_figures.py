@@ -3,6 +3,7 @@ weight makes.
 """
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import xarray as xr
 
 from drift.assess.compare import figures
+from drift.assess.compare.record import Contrast
 from drift.assess.compare.units import SamplingUnits
 from drift.engine.particles.snapshot import Snapshot
 from drift.engine.particles.status import Status
@@ -40,6 +42,28 @@ def snapshot(more: np.ndarray) -> Snapshot:
 
 
 STEPS = 1e-4 * np.eye(MANY)
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "names"),
+    [
+        ("sea/a.toml", "std = 1", ("as it is", "the same")),
+        ("sea/b.toml", "std = 1", ("as it is", "the same")),
+        ("sea/b.toml", "std = 2", ("a.toml", "b.toml")),
+        ("gulf/a.toml", "std = 2", ("sea/a.toml", "gulf/a.toml")),
+        ("sea/a.toml", "std = 1\n# --set seed = 9", ("as it is", "seed = 9")),
+        ("sea/b.toml", "std = 2\n# --set seed = 9", ("a.toml", "b.toml, seed = 9")),
+    ],
+)
+def test_cases_of_one_title_are_named_by_their_difference(
+    path: str, text: str, names: tuple[str, str]
+) -> None:
+    cases = [
+        SimpleNamespace(title="adrift", path=Path(one), text=words)
+        for one, words in (("sea/a.toml", "std = 1"), (path, text))
+    ]
+    found = Contrast(*(SimpleNamespace(case=case) for case in cases), (), (), None, 600)
+    assert found.names == names
 
 
 def test_of_a_probability() -> None:

@@ -7,6 +7,7 @@ import pytest
 from scipy import special, stats
 
 from drift.assess.verify import scores
+from drift.assess.verify import text as verification_text
 
 COUNT = 6000
 
@@ -89,6 +90,21 @@ def test_far_outside_the_log_score_is_finite():
     nearest = -0.5 * (points * np.linalg.solve(kernel, points)).sum(axis=0).min()
     assert scores.log_score(x + 1e5, y, weight) == pytest.approx(nearest, abs=30.0)
     assert nearest < -1e6
+
+
+@pytest.mark.parametrize(
+    ("area", "words"),
+    [
+        (3.42990, "of a uniform area of 1 nmi2"),
+        (1234 * 3.42990, "of a uniform area of 1,230 nmi2"),
+        (0.5 * 3.42990, "of a uniform area of 0.5 nmi2"),
+        (5.09e8, "of a uniform area of 148,000,000 nmi2"),  # the Earth has 5.1 x 10^8 km2
+        (5.11e8, "uniform over the whole Earth"),
+    ],
+)
+def test_a_log_score_is_that_of_a_uniform_area(area: float, words: str) -> None:
+    """area: in km2."""
+    assert verification_text.uniform_area(-math.log(area)).endswith(words)
 
 
 def test_scores_are_proper():

@@ -124,6 +124,7 @@ def test_skill_and_separation_without_errors(tmp_path):
     told = verification_text.verification_facts(made)
     assert ("left" in told["rank across the drift"]) == (right < 0)
     assert ("slower" in told["rank along the drift"]) == (ahead < 0)
+    assert "lower density than if it were uniform over" in told["after 18 h, scores"]
 
 
 def test_containment_is_uniform_whatever_the_law():

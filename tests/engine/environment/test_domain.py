@@ -52,6 +52,36 @@ def test_the_reach_holds_what_drifts_as_fast_as_it_is_reckoned_with(
     assert box.east - box.west == pytest.approx(tall / np.cos(np.radians(nearest)), rel=1e-6)
 
 
+@pytest.mark.parametrize(("hours", "tail"), [(24, 4), (240, 4), (240, "none")])
+def test_the_reach_allows_for_errors_with_a_tail(
+    tmp_path: Path, hours: int, tail: float | str
+) -> None:
+    """Four times three standard deviations of a displacement, found by summing the correlation of the
+    error over all pairs of minutes; but never less than without a tail. Four times the latter would
+    be 4,000 km in ten days.
+    """
+    std, bias, memory = 0.31, 0.08, 11 * 60.0  # [min]
+    case = trial_case.load(
+        tmp_path,
+        duration=f"{hours} h",
+        uncertainty={
+            "current": {"std": std, "time": "11 h", "bias": bias, "tail": tail},
+        },
+        scenario={"position": {"at": [-12.0, 3.0], "std": "3 km"}},
+    )
+    length = hours * 3600.0
+    lag = np.arange(1, 60 * hours)
+    pairs = 60 * hours + 2 * ((60 * hours - lag) * np.exp(-lag / memory)).sum()
+    spread = 60 * np.sqrt(std**2 * pairs + (bias * 60 * hours) ** 2)
+    far = 3 * (std + bias) * length
+    if tail != "none":
+        far = max(far, 12 * spread)
+    box = domain.within_reach(run_setup.ensemble_spec(case))
+    tall = (box.north - box.south) / 2 * np.radians(sphere.RADIUS)
+    assert tall == pytest.approx(2.5 * length + far + 15_000, rel=1e-5)
+    assert (far > 3 * (std + bias) * length) == (tail != "none")
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_the_part_read_of_a_source_holds_the_box_and_little_more(seed: int) -> None:
     """Lines of the lattice are at most an eighth of the box apart: so much is added on each side at

@@ -64,8 +64,12 @@ def test_scales_are_those_of_student(freedom):
     assert found.max() <= errors.LARGEST_SCALE
     law = stats.chi2(freedom)
     beyond = law.cdf((freedom - 2) / errors.LARGEST_SCALE**2)
-    if freedom == 4:  # the figure of docs/errors.md
-        assert 1 / beyond == pytest.approx(8200, rel=0.02)
+    if freedom < 5:  # the figures of docs/errors.md
+        many, lost = {3: (1900, 0.1), 4: (8200, 0.016)}[freedom]
+        assert 1 / beyond == pytest.approx(many, rel=0.02)
+        least = (freedom - 2) / errors.LARGEST_SCALE**2
+        inverse = law.expect(lambda chi2: (freedom - 2) / chi2, ub=least)
+        assert inverse == pytest.approx(lost, rel=0.05)
     uniform = (law.cdf((freedom - 2) / found.astype(float) ** 2) - beyond) / (1 - beyond)
     assert stats.kstest(uniform, "uniform").pvalue > 1e-3
 
@@ -146,6 +150,39 @@ def test_particles_with_a_tail_are_not_guided_to_finds():
         current_error=error,
     )
     assert run_setup.guide_of(case, None, None) is None
+
+
+def test_what_an_error_does_to_a_position():
+    """The table of docs/errors.md, in nautical miles, for the default."""
+    default = ForcingError(0.31, 11 * HOUR, 0.08)
+    for hours, miles in ((6, 3.4), (12, 6.4), (24, 11.3), (48, 18.8)):
+        assert default.displacement(hours * HOUR) / 1852 == pytest.approx(miles, abs=0.05)
+
+
+def test_the_tail_of_a_default_is_the_case_s():
+    default = ForcingError(0.31, 11 * HOUR, 0.08, ("default",) * 3, tail=5.0)
+    assert forcing_error.errors_in_words(default, None, 0.0, "default") == (
+        "current 0.31 m/s over 11 h and 0.08 m/s that lasts (default), Student's with 5 degrees of "
+        "freedom (case)"
+    )
+    mixed = ForcingError(0.31, 11 * HOUR, 0.1, ("default", "default", "case"), tail=5.0)
+    assert forcing_error.errors_in_words(mixed, None, 0.0, "default") == (
+        "current 0.31 m/s over 11 h (default) and 0.1 m/s that lasts, Student's with 5 degrees of "
+        "freedom (case)"
+    )
+    wind = ForcingError(0.0, 1.0)
+    summary = forcing_error.summary_of_errors(default, wind, 0.0, "default")
+    assert summary["current"]["by"]["tail"] == "case"
+    assert "tail" not in summary["wind"]["by"]
+
+
+@pytest.mark.parametrize("more", ["", ', length = "9 km"', ', length = "9 km", time = "4 h"'])
+def test_a_tail_without_a_size_of_the_error_is_rejected(tmp_path, more):
+    text = CASE.format(n=N, step=1800, tail="")
+    stated = 'std = "0.23 m/s", time = "5 h", bias = "0.07 m/s"'
+    (tmp_path / "case.toml").write_text(text.replace(stated, f"tail = 4{more}"))
+    with pytest.raises(UserError, match=r"uncertainty\.current: has no std"):
+        drift.load(tmp_path / "case.toml")
 
 
 def test_words_and_summary():

@@ -169,7 +169,7 @@ def sorties(text):
     """Return the records that a case file's reader makes of tables."""
     rows = [sortie_table.SortieTable.model_validate(row) for row in tomllib.loads(text)["sortie"]]
     scenarios = [
-        SimpleNamespace(name=name, search_object=None, itinerary=None, family=None)
+        SimpleNamespace(name=name, search_object=None, itinerary=None, family=None, changes=())
         for name in searches.NAMES
     ]
     return sortie_table.build_sorties(

@@ -1,0 +1,1 @@
+"""Score finished runs against the places where their objects were found."""
