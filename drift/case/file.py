@@ -76,7 +76,30 @@ def load(
     Raises:
         UserError: all mistakes of the case, one line for each (`error.lines`).
     """
-    path, text = _read(name)
+    return load_text(*_read(name), overrides, along=along)
+
+
+def load_text(
+    path: Path,
+    text: str,
+    overrides: Mapping[str, str] | None = None,
+    *,
+    along: Collection[str] = (),
+) -> Case:
+    """Validate the text of a case file, which need not be saved.
+
+    Args:
+        path: the file that it is the text of: relative paths start from its folder.
+        text: TOML.
+        overrides: see `load`.
+        along: see `load`.
+
+    Returns:
+        The validated case, as `load` returns it.
+
+    Raises:
+        UserError: all mistakes of the case, one line for each (`error.lines`).
+    """
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:

@@ -64,7 +64,7 @@ class Server:
             f"{method} {path} HTTP/1.1",
             *(f"{name}: {value}" for name, value in headers.items() if value is not None),
         ]
-        with closing(socket.create_connection(("127.0.0.1", self.port), 20)) as line:
+        with closing(socket.create_connection(("127.0.0.1", self.port), 120)) as line:
             line.sendall("\r\n".join([*lines, "Connection: close", "", ""]).encode("latin-1") + (data if method == "POST" else b""))  # fmt: skip
             answer = http.client.HTTPResponse(line, method=method)
             answer.begin()

@@ -45,6 +45,19 @@ def main(memory: int | None = None) -> None:
     commands.leave()
 
 
+def answer(memory: int | None = None) -> None:
+    """Answer requests of the desk on standard input until it closes (`drift.apps.serve.answers`).
+
+    memory: limit of the process [bytes].
+    """
+    if memory is not None:
+        child.limit(RLIMIT_DATA=memory)
+    enclose()
+    from drift.apps.serve import answers
+
+    answers.answer_requests()
+
+
 def enclose(cards: bool = False) -> None:
     """Have the kernel enforce the file fence too, if it can.
 

@@ -21,6 +21,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from drift.apps.serve import names, shelf
+from drift.apps.serve.form_routes import FormRoutes
 from drift.apps.serve.gate import Gate, Secret
 from drift.apps.serve.jobs import KINDS, Jobs, Limits
 from drift.case import file as case_file
@@ -29,8 +30,13 @@ from geo.files import fence
 
 ASSETS = {
     "desk.css": ("drift.apps.serve", "text/css"),
-    "desk.js": ("drift.apps.serve", "text/javascript"),
-    "page.css": ("drift.products.report", "text/css"),  # the look of report.html
+    **dict.fromkeys(("desk.js", "form.js", "map.js"), ("drift.apps.serve", "text/javascript")),
+    # the look and the map of report.html
+    **dict.fromkeys(("ol.css", "page.css"), ("drift.products.report", "text/css")),
+    **{
+        f"{name}.js": ("drift.products.report", "text/javascript")
+        for name in ("ol", "projection", "graticule", "looks", "tables", "layers")
+    },
 }
 TYPES = {  # of files of runs that a browser shows; it saves all others
     ".png": "image/png",
@@ -39,6 +45,7 @@ TYPES = {  # of files of runs that a browser shows; it saves all others
     ".toml": "text/plain; charset=utf-8",
     ".json": "application/json",
 }
+MEASURED = 'innerHTML="M"'
 CHUNK = 2**18  # [bytes]
 
 
@@ -57,7 +64,10 @@ class Desk:
         home, kind = ASSETS.get(request.path_params["name"], ("", ""))
         if not home:
             return _error_response(404, "no such file")
-        return Response(_asset(home, request.path_params["name"]), media_type=kind)
+        # OpenLayers measures letters in an element that it fills by innerHTML, which our policy
+        # (Trusted Types) forbids
+        text = _asset(home, request.path_params["name"]).replace(MEASURED, 'textContent="M"')
+        return Response(text, media_type=kind)
 
     async def list_folder(self, request: Request) -> Response:
         """Return the contents of the folder: cases, results, and shipped cases."""
@@ -261,6 +271,7 @@ def make(
     """
     jobs = Jobs(folder, allowed, limits)
     desk = Desk(folder, secret, jobs)
+    form = FormRoutes(folder, allowed, limits)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -268,6 +279,7 @@ def make(
         try:
             yield
         finally:
+            await form.close()
             await jobs.close()
 
     routes = [
@@ -280,6 +292,7 @@ def make(
         Route("/api/jobs", desk.jobs_all),
         Route("/api/jobs", desk.job_new, methods=["POST"]),
         Route("/api/jobs/{number:int}/cancel", desk.job_cancel, methods=["POST"]),
+        *form.routes(),
         Route("/runs/{run}/{key}/{name}", desk.file),
     ]
     return Gate(Starlette(routes=routes, lifespan=lifespan), places, secret)

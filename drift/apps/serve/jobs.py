@@ -178,11 +178,7 @@ class Jobs:
             arguments += (
                 [] if self._limits.backend == "cpu" else ["--backend", self._limits.backend]
             )
-        # Python looks for modules in its start folder: that must not be the served folder, nor one
-        # that others can write to.
-        path = [place for place in sys.path if place and Path(place).resolve() != self._folder]
-        memory = int(self._limits.memory * GIB) if self._limits.memory < float("inf") else None
-        code = f"import sys; sys.path[:] = {path!r}; {START}({memory!r})"
+        code = python_code(self._folder, self._limits, START)
         with tempfile.TemporaryDirectory(prefix="drift-desk-", ignore_cleanup_errors=True) as empty:
             job.process = await asyncio.create_subprocess_exec(
                 sys.executable,
@@ -193,7 +189,7 @@ class Jobs:
                 stdout=asyncio.subprocess.PIPE,
                 stderr=asyncio.subprocess.STDOUT,
                 cwd=empty,
-                env=self._environment(empty),
+                env=environment(self._fence, empty) | {"DRIFT_PROGRESS": "lines"},
                 start_new_session=os.name == "posix",
             )
             timeout = asyncio.create_task(_end_after(job.process, self._limits.hours * 3600))
@@ -209,7 +205,7 @@ class Jobs:
             finally:
                 timeout.cancel()
                 if job.process.returncode is None:
-                    _kill(job.process)
+                    kill(job.process)
 
     def _fate(self, job: Job, status: int) -> str:
         """Return why a job ended, if the process could not report it itself; else ""."""
@@ -237,13 +233,22 @@ class Jobs:
         )
         return f"killed by {name}, as happens when memory runs out{limit} (drift serve --memory)"
 
-    def _environment(self, empty: str) -> dict[str, str]:
-        own = {
-            fence.NAME: fence.fence_text(self._fence),
-            "DRIFT_PROGRESS": "lines",
-            "TMPDIR": empty,
-        }
-        return os.environ | own | {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8:replace"}
+
+def python_code(folder: Path, limits: Limits, start: str) -> str:
+    """Return the Python code of a fenced process; start: the function that it calls.
+
+    Python looks for modules in its start folder: that must not be the served folder, nor one that
+    others can write to.
+    """
+    path = [place for place in sys.path if place and Path(place).resolve() != folder]
+    memory = int(limits.memory * GIB) if limits.memory < float("inf") else None
+    return f"import sys; sys.path[:] = {path!r}; {start}({memory!r})"
+
+
+def environment(allowed: fence.Fence, empty: str) -> dict[str, str]:
+    """Return the environment of a fenced process; empty: its folder for temporary files."""
+    own = {fence.NAME: fence.fence_text(allowed), "TMPDIR": empty}
+    return os.environ | own | {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8:replace"}
 
 
 def _unused_name(folder: Path, name: str) -> str:
@@ -293,7 +298,7 @@ async def _end(process: asyncio.subprocess.Process) -> None:
     try:
         await asyncio.wait_for(process.wait(), GRACE)
     except TimeoutError:
-        _kill(process)
+        kill(process)
 
 
 async def _end_after(process: asyncio.subprocess.Process, seconds: float) -> None:
@@ -302,7 +307,8 @@ async def _end_after(process: asyncio.subprocess.Process, seconds: float) -> Non
     await _end(process)
 
 
-def _kill(process: asyncio.subprocess.Process) -> None:
+def kill(process: asyncio.subprocess.Process) -> None:
+    """Kill a process and all that it started."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         if os.name == "posix":
             os.killpg(process.pid, signal.SIGKILL)  # it leads its own process group

@@ -121,7 +121,7 @@ def _rename_new(partial_file: Path, path: Path) -> None:
 def cases(folder: Path) -> list[dict[str, Any]]:
     """Return the case files of a folder: name, title, and time of change [s since 1970]."""
     found = []
-    for entry in _entries(folder):
+    for entry in entries(folder):
         if names.case(entry.name) and entry.is_file(follow_symlinks=False):
             with suppress(OSError):
                 status = entry.stat(follow_symlinks=False)
@@ -151,7 +151,7 @@ def _title(folder: Path, name: str, changed: int, size: int) -> str:
 def runs(folder: Path) -> list[dict[str, Any]]:
     """Return the complete results in a folder, newest first."""
     found = []
-    for entry in _entries(folder):
+    for entry in entries(folder):
         if names.plain(entry.name) and entry.is_dir(follow_symlinks=False):
             with suppress(OSError):
                 status = os.stat(folder / entry.name / manifest.NAME, follow_symlinks=False)
@@ -212,7 +212,8 @@ def _one_line(value: Any) -> str:
     return " ".join(str(value).encode("utf-8", "replace").decode("utf-8").split())[:300]
 
 
-def _entries(folder: Path) -> Iterator["os.DirEntry[str]"]:
+def entries(folder: Path) -> Iterator["os.DirEntry[str]"]:
+    """Yield the entries of a folder, of very full ones only some."""
     with os.scandir(folder) as entries:
         for _, entry in zip(range(MOST * 10), entries, strict=False):
             yield entry

@@ -1,6 +1,6 @@
 "use strict";
 // The desk: lists, the editor, and jobs. Everything from the server or a case is inserted as text, never as markup.
-(() => {
+const desk = (() => {
   const get = (id) => document.getElementById(id);
   const state = { name: null, digest: null, saved: "", jobs: new Map(), checkOf: null, busy: false, timer: 0, stopped: false };
 
@@ -25,6 +25,7 @@
     const told = await answer.json().catch(() => ({ error: `the server answered ${answer.status}` }));
     if (!answer.ok) throw Object.assign(new Error(told.error), { status: answer.status });
     get("trouble").textContent = "";
+    if (told.mistakes) throw Object.assign(new Error(told.mistakes.join("\n")), { status: 422 });
     return told;
   }
 
@@ -98,14 +99,29 @@
   function lay(name, words, digest) {
     Object.assign(state, { name, digest, saved: digest === null ? null : words, checkOf: null });
     text.value = words;
-    get("editor").hidden = false;
+    for (const button of document.querySelectorAll("[data-tab]")) button.disabled = false;
     get("editor-title").textContent = name;
     get("checked").replaceChildren();
     say(digest === null ? "Not saved yet." : "");
     number();
     place();
-    get("editor").focus();
-    get("editor").scrollIntoView({ block: "start" });
+    tab("form");
+    get("editor").focus({ preventScroll: true });
+    document.dispatchEvent(new CustomEvent("laid"));
+  }
+
+  function tab(name) {
+    for (const button of document.querySelectorAll("[data-tab]")) button.setAttribute("aria-pressed", button.dataset.tab === name);
+    for (const part of document.querySelectorAll("[data-in]")) part.hidden = !part.dataset.in.split(" ").includes(name);
+    number();
+  }
+
+  // A text that the form has changed.
+  function write(words) {
+    text.value = words;
+    number();
+    place();
+    say(changed() ? "Not saved yet." : "");
   }
 
   const leave = () => !changed() || window.confirm(`${state.name} has changes that are not saved. Leave them?`);
@@ -134,8 +150,20 @@
     if (!plain) return get("new-name").focus();
     if (!leave()) return;
     lay(`${plain}.toml`, `title = ${JSON.stringify(plain.replaceAll("_", " "))}\n`, null); // JSON's escapes are TOML's too
+    tab("text");
     text.focus();
   });
+
+  get("begin").addEventListener("click", guarded(async () => {
+    if (!leave()) return;
+    const told = await ask("/api/form/new", {});
+    const { cases } = await ask("/api/folder");
+    const taken = new Set(cases.map((one) => one.name));
+    const day = new Date().toISOString().slice(0, 10);
+    let name = `search_${day}.toml`;
+    for (let k = 2; taken.has(name); k++) name = `search_${day}-${k}.toml`;
+    lay(name, told.text, null);
+  }));
 
   const save = guarded(async () => {
     if (state.name === null) return false;
@@ -170,6 +198,7 @@
         state.checkOf = job.number;
         get("checked").replaceChildren(make("p", {}, "Checking ..."));
         say("");
+        tab("text");
       } else {
         say(`${kind} started: see Work, below.`);
       }
@@ -180,6 +209,7 @@
   });
 
   function jump(line) {
+    tab("text");
     const lines = text.value.split("\n");
     const first = lines.slice(0, line - 1).join("\n").length + (line > 1 ? 1 : 0);
     text.focus();
@@ -207,6 +237,12 @@
     }
   }
 
+  const show_result = guarded(async (run, key) => {
+    const answer = await fetch(fileOf(run, key, "contours.geojson"), { cache: "no-store" });
+    if (!answer.ok) throw new Error(`${run} has no areas`);
+    document.dispatchEvent(new CustomEvent("areas", { detail: { title: run, areas: await answer.json() } }));
+  });
+
   // --- jobs --------------------------------------------------------------------------------------------------------------
   const NAMES = { check: "Check", run: "Forecast", plan: "Plan", origin: "Origin" };
   const STATES = { waiting: "waits", running: "runs", done: "done", failed: "failed", cancelled: "cancelled" };
@@ -229,11 +265,13 @@
     made.bar.hidden = made.stop.hidden = over(job);
     if (job.state === "running" && job.share > 0) made.bar.value = job.share;
     else made.bar.removeAttribute("value");
-    made.phase.textContent = over(job) ? "" : job.phase + (job.share > 0 ? `, ${Math.round(100 * job.share)} %` : "");
+    const left = job.share > 0.05 && job.took > 5 ? `, about ${span((job.took * (1 - job.share)) / job.share)} left` : "";
+    made.phase.textContent = over(job) ? "" : job.phase + (job.share > 0 ? `, ${Math.round(100 * job.share)} %${left}` : "");
     const log = job.lines.join("\n");
     if (made.log.textContent !== log) made.log.textContent = log;
     if (job.state === "done" && job.out && !made.link.firstChild) {
       made.link.append(make("a", { href: fileOf(job.out, job.key, "report.html"), target: "_blank", rel: "noopener noreferrer" }, `Open the report of ${job.out}`));
+      if (job.kind === "run") made.link.append(" ", make("button", { type: "button", onclick: () => show_result(job.out, job.key) }, "Areas on the map"));
     }
     if (job.state === "failed" && !made.wrong.firstChild) made.wrong.append(...mistakes(job).map(complaint));
     return made.item;
@@ -277,6 +315,7 @@
     document.documentElement.dataset.theme = chosen === "auto" ? (systemDark.matches ? "dark" : "light") : chosen;
     get("theme").textContent = `Colours: ${chosen}`;
     get("theme").setAttribute("aria-label", `Colours: ${chosen === "auto" ? "as the system's" : chosen}`);
+    document.dispatchEvent(new CustomEvent("colours"));
   }
   systemDark.addEventListener("change", colour);
   get("theme").addEventListener("click", () => {
@@ -288,9 +327,11 @@
   text.addEventListener("scroll", () => { get("numbers").scrollTop = text.scrollTop; });
   for (const event of ["keyup", "click", "select"]) text.addEventListener(event, place);
   get("save").addEventListener("click", save);
+  for (const button of document.querySelectorAll("[data-tab]")) button.addEventListener("click", () => tab(button.dataset.tab));
+  tab("cases");
   for (const button of document.querySelectorAll("button[data-kind]")) button.addEventListener("click", () => start(button.dataset.kind));
   document.addEventListener("keydown", (event) => {
-    if ((event.ctrlKey || event.metaKey) && !event.altKey && event.key.toLowerCase() === "s" && !get("editor").hidden) {
+    if ((event.ctrlKey || event.metaKey) && !event.altKey && event.key.toLowerCase() === "s" && state.name !== null) {
       event.preventDefault();
       save();
     }
@@ -300,4 +341,5 @@
   colour();
   show();
   poll();
+  return { ask, guarded, make, state, write, complaint, text, show };
 })();

@@ -1,0 +1,292 @@
+"""The warm process of the desk: it answers requests on a text, with drift imported already.
+
+It runs in the fence of jobs (`drift.apps.cli.tethered`), but can write only into its own temporary
+folder. Each request is a line of JSON on standard input, each answer a line on the original
+standard output. Nothing here trusts a text: one that makes this process hang or crash costs this
+process, which the server replaces (`drift.apps.serve.warm`).
+"""
+
+import contextlib
+import json
+import os
+import queue
+import re
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from drift.apps.serve import form
+from drift.case import file as case_file
+from drift.case.values import messages
+from geo import notation, sphere
+from geo.box import Box
+from geo.coast import gshhg, shore
+from geo.errors import UserError
+
+PARTICLES = 10_000  # of a sketch
+DRAWN = 2000  # of them, on the map
+AREAS = "[50, 75, 95]"
+OVERLONG = 300  # characters of a message
+HEADER = re.compile(r"\s*\[(\[?)\s*([\w.\"' -]+?)\s*\]?\]\s*(#.*)?$")
+KEY = re.compile(r"\s*([\w.\"'-]+(?:\s*\.\s*[\w\"'-]+)*)\s*=")
+# what a message about a whole scenario asks for, and the field for it
+MISSING = {": object is missing": "object", "exactly one of position": "position.at"}
+LINE = re.compile(r"\(?at line (\d+), column \d+\)?")
+
+
+class Cancelled(Exception):
+    """The request was cancelled."""
+
+
+def answer_requests() -> None:
+    """Answer requests until standard input ends; then end this process at once."""
+    out = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what libraries print must not mix with answers
+    requests: queue.Queue[dict[str, Any]] = queue.Queue()
+    cancelled = threading.Event()
+    threading.Thread(target=_read_requests, args=(requests, cancelled), daemon=True).start()
+    while True:
+        request = requests.get()
+        cancelled.clear()
+        answer = _answer(request, cancelled)
+        out.write(json.dumps({"id": request["id"], **answer}, allow_nan=False) + "\n")
+        out.flush()
+
+
+def _read_requests(requests: queue.Queue[dict[str, Any]], cancelled: threading.Event) -> None:
+    for line in sys.stdin.buffer:
+        request = json.loads(line)
+        if request == "cancel":
+            cancelled.set()
+        else:
+            requests.put(request)
+    os._exit(0)
+
+
+def _answer(request: Mapping[str, Any], cancelled: threading.Event) -> dict[str, Any]:
+    """Return {"answer": ...}, or {"error": lines} for what the user can correct."""
+
+    def tell(phase: str, share: float) -> None:
+        if cancelled.is_set():
+            raise Cancelled
+
+    try:
+        return {"answer": ANSWERS[request["do"]](request, tell)}
+    except UserError as error:
+        return {"error": "\n".join(line[:OVERLONG] for line in error.lines)}
+    except Cancelled:
+        return {"cancelled": True}
+
+
+Tell = Callable[[str, float], None]
+
+
+def _form(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    return form.read_fields(request["text"])
+
+
+def _set(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    return {"text": form.set_fields(request["text"], request["changes"])}
+
+
+def _check(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    """Return the mistakes of a text, each with its line and its field, as far as these are known."""
+    path, text = Path(request["path"]), request["text"]
+    try:
+        case_file.load_text(path, text)
+    except UserError as error:
+        lines = [line.removeprefix(f"{path.name}: ")[:OVERLONG] for line in error.lines]
+        return {"messages": [_message(line, text) for line in lines]}
+    return {"messages": []}
+
+
+def _message(line: str, text: str) -> dict[str, Any]:
+    """Return a mistake with the line of the text and the field of the form that it is about."""
+    if found := LINE.search(line):
+        return {"message": line, "line": int(found[1]), "field": None}
+    try:
+        data = form.parse_text(text)
+    except UserError:
+        return {"message": line, "line": None, "field": None}
+    number = len(data["scenario"]) if isinstance(data.get("scenario"), list) else 0
+    fields = {
+        messages.where(form.place_of(name), data): name for name in form.names_of_fields(number)
+    }
+    # the tables that fields are in, such as a scenario or its position
+    for name in list(fields.values()):
+        place = form.place_of(name)
+        for size in range(len(place) - 1, 0, -1):
+            fields.setdefault(messages.where(place[:size], data), ".".join(map(str, place[:size])))
+    for quantity in form.SOURCES:
+        for k, _ in enumerate(data.get(quantity) or [()]):
+            fields[messages.where((quantity, k), data)] = quantity
+    places = {messages.where(place, data): k for place, k in _lines_of_places(text)}
+    field = fields.get(_longest(line, fields))
+    return {
+        "message": line,
+        "line": places.get(_longest(line, places)),
+        "field": next((f"{field}.{own}" for words, own in MISSING.items() if words in line), field),
+    }
+
+
+def _longest(line: str, places: Mapping[str, Any]) -> str:
+    """Return the longest place that a message begins with."""
+    begun = (
+        one for one in places if line.startswith(one) and line[len(one) : len(one) + 1] in ":. "
+    )
+    return max(begun, key=len, default="")
+
+
+def _lines_of_places(text: str) -> Iterator[tuple[form.Place, int]]:
+    """Yield the keys and list indices of tables and keys, each with its line from 1.
+
+    Lines inside texts of several lines may be taken for keys, as only messages depend on it.
+    """
+    counts: dict[str, int] = {}
+    above: form.Place = ()
+    for k, line in enumerate(text.split("\n"), 1):
+        if header := HEADER.match(line):
+            names = [part.strip(" \"'") for part in header[2].split(".")]
+            dotted = ".".join(names)
+            if header[1]:
+                counts[dotted] = counts.get(dotted, -1) + 1
+            above = ()
+            for size, name in enumerate(names, 1):
+                number = counts.get(".".join(names[:size]))
+                above += (name,) if number is None else (name, number)
+            yield above, k
+        elif key := KEY.match(line):
+            yield (*above, *(part.strip(" \"'") for part in key[1].split("."))), k
+
+
+def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    """Return the forecast of a few particles, as the map of the desk shows it."""
+    from drift.engine.particles.status import Status
+    from drift.forecast.products import headline
+    from drift.pipeline import flow
+    from drift.products.files import geojson
+
+    path, text = Path(request["path"]), request["text"]
+    if "spill" in form.parse_text(text):
+        raise UserError("a first map is for the search of one object; run the forecast of a spill")
+    overrides = {
+        "particles": str(PARTICLES),
+        "output.trajectories": str(DRAWN),
+        "output.areas": AREAS,
+    }
+    case = case_file.load_text(path, text, overrides)
+    result = flow.run(case, report=tell)
+    data, tracks = result.forecast.data, result.trajectories
+    times = [f"{time.astype('datetime64[s]')}Z" for time in data["time"].values]
+    areas = [
+        geojson.feature(
+            geojson.polygons(contour.polygon),
+            {
+                "time": f"{contour.time.astype('datetime64[s]')}Z",
+                "level": contour.share,
+                "area_nmi2": round(contour.area / notation.NMI**2, 3),
+            },
+        )
+        for contour in result.forecast.contours
+    ]
+    lon, lat = (sphere.to_degrees(one).round(4) for one in (tracks.lon, tracks.lat))
+    return {
+        "title": case.title,
+        "words": headline.forecast_headline(data, result.setting.opens),
+        "warnings": list(result.summary["warnings"]),
+        "times": times,
+        "opens": None if result.setting.opens is None else f"{result.setting.opens}Z",
+        "areas": geojson.collection(areas, {}),
+        "likely": [_likeliest_place(data.isel(time=k)) for k in range(len(times))],
+        "statuses": [status.name.lower() for status in sorted(Status)],
+        "particles": {
+            "lon": lon.T.tolist(),
+            "lat": lat.T.tolist(),
+            "status": tracks.status.T.astype(int).tolist(),
+        },
+    }
+
+
+def _likeliest_place(at: Any) -> list[float] | None:
+    """Return the centre [deg] of the densest cell; None if nothing is on the map."""
+    density = at["probability"].values / at["cell_area"].values
+    if not density.sum() > 0:
+        return None
+    row, column = np.unravel_index(int(density.argmax()), density.shape)
+    lon, lat = float(at["lon"].values[column]), float(at["lat"].values[row])
+    return [round(float(sphere.wrap_degrees(lon)), 4), round(lat, 4)]
+
+
+def _coast(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    """Return the land in a box as GeoJSON, without detail below a step."""
+    from drift.products.files import geojson
+
+    west, south, east, north = request["box"]
+    step = request["step"]
+    box = Box(west, south, east, north)
+    polygons = gshhg.near(box)
+    edges = shapely.bounds(polygons)
+    large = np.maximum(edges[:, 2] - edges[:, 0], edges[:, 3] - edges[:, 1]) > step
+    land = shapely.simplify(shore.clip(polygons[large], box), step / 2, preserve_topology=False)
+    parts = shapely.get_parts(land)
+    drawn = [
+        {"type": "Polygon", "coordinates": [np.round(ring.coords, 5).tolist() for ring in rings]}
+        for one in parts[~shapely.is_empty(parts)]
+        if (rings := [one.exterior, *one.interiors])
+    ]
+    return geojson.collection([geojson.feature(shape, {}) for shape in drawn], {})
+
+
+def _forcing(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    """Return what a file of winds or currents covers."""
+    from geo.files import fence
+    from geo.forcing import describe
+
+    path = request["path"]
+    fence.check(path)
+    found = []
+    for source in describe.open_quantities([path], None):
+        box, times = source.grid.box, np.asarray(source.times)
+        found.append(
+            {
+                "quantity": source.quantity,
+                "box": [box.west, box.south, box.east, box.north],
+                "times": [f"{t.astype('datetime64[s]')}Z" for t in times[[0, -1]]]
+                if times.size
+                else [],
+            }
+        )
+    return {"sources": found}
+
+
+def _warm(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    """Compile what a sketch needs, with a small case of its own."""
+    text = form.set_fields(
+        form.new_text(np.datetime64("2026-11-21T18:30", "s")),
+        [
+            {"field": "scenario.0.object", "value": "PIW-1"},
+            {"field": "scenario.0.position.at", "value": "50 00N 005 30W"},
+            {"field": "scenario.0.position.error", "value": "1 nmi"},
+            {"field": "wind", "value": {"kind": "constant", "speed": "15 kn", "from": 235}},
+            {"field": "current", "value": {"kind": "constant", "speed": "1 kn", "toward": 75}},
+        ],
+    )
+    with contextlib.suppress(UserError):
+        _sketch({"path": "warm.toml", "text": text}, tell)
+    return {}
+
+
+ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
+    "form": _form,
+    "set": _set,
+    "check": _check,
+    "sketch": _sketch,
+    "coast": _coast,
+    "forcing": _forcing,
+    "warm": _warm,
+}

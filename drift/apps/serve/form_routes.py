@@ -1,0 +1,241 @@
+"""Routes of the form and the map: what they take, and which warm process answers them.
+
+None of them reads or writes a case file: the page sends the text.
+"""
+
+import asyncio
+import math
+import time
+from collections.abc import Awaitable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from drift.apps.serve import form, names, shelf
+from drift.apps.serve.jobs import Limits
+from drift.apps.serve.warm import Overtaken, Warm
+from drift.engine.motion import everyday, leeway
+from geo.errors import UserError
+from geo.files import fence
+
+FORCING = (".nc", ".nc4", ".grib", ".grib2", ".grb", ".grb2")  # files that the page offers
+COARSEST, FINEST = 5.0, 1e-4  # [deg] detail of a shoreline
+MOST_STEPS = 20_000  # detail across a box
+
+
+class Invalid(Exception):
+    """A request that is not as the page sends it: status and line."""
+
+    def __init__(self, line: str, status: int = 400) -> None:
+        super().__init__(line)
+        self.status = status
+
+
+class FormRoutes:
+    """Request handlers of the form, the sketch and the map."""
+
+    def __init__(self, folder: Path, allowed: fence.Fence, limits: Limits) -> None:
+        self.folder = folder
+        self.typing = Warm(folder, allowed, limits)
+        self.sketching = Warm(folder, allowed, limits)
+        self._warming: asyncio.Task[Any] | None = None
+
+    def routes(self) -> list[Route]:
+        """Return the routes."""
+        handlers = {
+            "form": self.form,
+            "form/set": self.set,
+            "form/new": self.new,
+            "check": self.check,
+            "sketch": self.sketch,
+            "sketch/cancel": self.cancel,
+            "coast": self.coast,
+            "forcing": self.forcing,
+        }
+        posts = [
+            Route(f"/api/{name}", _answered(handler), methods=["POST"])
+            for name, handler in handlers.items()
+        ]
+        return [*posts, Route("/api/objects", self.objects)]
+
+    async def close(self) -> None:
+        """End the warm processes."""
+        if self._warming is not None:
+            self._warming.cancel()
+            await asyncio.gather(self._warming, return_exceptions=True)
+        await self.typing.close()
+        await self.sketching.close()
+
+    async def form(self, body: dict[str, Any]) -> Any:
+        """Return what the form shows of a text."""
+        return await self.typing.ask("form", text=_text(body, {"text"}))
+
+    async def set(self, body: dict[str, Any]) -> Any:
+        """Return a text with changed fields."""
+        text, changes = _text(body, {"text", "changes"}), body["changes"]
+        if (
+            not isinstance(changes, list)
+            or not 1 <= len(changes) <= form.MOST_CHANGES
+            or not all(
+                isinstance(one, dict) and one.keys() == {"field", "value"} for one in changes
+            )
+        ):
+            raise Invalid(f"give 1 to {form.MOST_CHANGES} changes, each with its field and value")
+        return await self.typing.ask("set", text=text, changes=changes)
+
+    async def new(self, body: dict[str, Any]) -> Any:
+        """Return the text of a new case, and warm the process that makes sketches."""
+        _keys(body, set())
+        self._warm_up()
+        now = np.datetime64(int(time.time()) // 60 * 60, "s")
+        return {"text": form.new_text(now)}
+
+    async def check(self, body: dict[str, Any]) -> Any:
+        """Return the mistakes of a text, with line and field."""
+        self._warm_up()
+        return await self.typing.ask(
+            "check", text=_text(body, {"text", "name"}), path=self._path(body)
+        )
+
+    async def sketch(self, body: dict[str, Any]) -> Any:
+        """Return a forecast of few particles; it takes the place of one that is being made."""
+        text, path = _text(body, {"text", "name"}), self._path(body)
+        return await self.sketching.ask_newest("sketch", text=text, path=path)
+
+    async def cancel(self, body: dict[str, Any]) -> Any:
+        """Give up the sketch that is being made."""
+        _keys(body, set())
+        await self.sketching.cancel()
+        return {}
+
+    async def coast(self, body: dict[str, Any]) -> Any:
+        """Return the land in a box."""
+        _keys(body, {"box", "step"})
+        box, step = body["box"], body["step"]
+        if (
+            not isinstance(box, list)
+            or len(box) != 4
+            or not all(_is_number(one) for one in (*box, step))
+            or not (-540 <= box[0] < box[2] <= 540 and -90 <= box[1] < box[3] <= 90)
+            or box[2] - box[0] > 360
+            or not FINEST <= step <= COARSEST
+            or (box[2] - box[0] + box[3] - box[1]) / step > MOST_STEPS
+        ):
+            raise Invalid("give a box, [west, south, east, north], and a step, in degrees")
+        return await self.typing.ask("coast", box=box, step=step)
+
+    async def forcing(self, body: dict[str, Any]) -> Any:
+        """Return the files of winds and currents in the folder, or what one of them covers."""
+        _keys(body, {"file"})
+        name = body["file"]
+        if name is None:
+            entries = await asyncio.to_thread(lambda: list(shelf.entries(self.folder)))
+            found = sorted(
+                entry.name
+                for entry in entries
+                if names.plain(entry.name)
+                and entry.name.lower().endswith(FORCING)
+                and entry.is_file(follow_symlinks=False)
+            )
+            return {"files": found[: shelf.MOST]}
+        if not isinstance(name, str) or not names.plain(name) or not name.lower().endswith(FORCING):
+            raise Invalid("give a file of winds or currents of this folder")
+        return await self.sketching.ask("forcing", path=str(self.folder / name))
+
+    async def objects(self, request: Request) -> Response:
+        """Return the objects that can be adrift, with everyday words for them."""
+        return JSONResponse({"objects": _objects()})
+
+    def _path(self, body: dict[str, Any]) -> str:
+        """Return the path of the case of a text, from whose folder its files are looked for."""
+        name = body["name"]
+        if not isinstance(name, str) or not names.case(name):
+            raise Invalid("give the name of a case")
+        return str(self.folder / name)
+
+    def _warm_up(self) -> None:
+        if self._warming is None:
+            self._warming = asyncio.create_task(_silent(self.sketching.ask("warm")))
+
+
+async def _silent(work: Awaitable[Any]) -> None:
+    """Wait for a request whose answer nobody needs."""
+    try:
+        await work
+    except (UserError, Overtaken):
+        return
+
+
+def _answered(handler: Any) -> Any:
+    """Return a handler that turns what goes wrong into a status and a line."""
+
+    async def answer(request: Request) -> Response:
+        try:
+            return JSONResponse(await handler(request.scope["body"]))
+        except Invalid as invalid:
+            return JSONResponse({"error": str(invalid)}, invalid.status)
+        except asyncio.CancelledError:  # the server ends, and waits for nobody
+            return JSONResponse({"error": "the server ends"}, 503)
+        except Overtaken as overtaken:
+            return JSONResponse({"error": str(overtaken)}, 409)
+        except UserError as error:
+            # about the case, not about the request, which a browser would report as an error
+            return JSONResponse({"mistakes": list(error.lines)})
+        except OSError as error:
+            return JSONResponse({"error": f"the folder cannot be read: {error.strerror}"}, 500)
+
+    return answer
+
+
+def _keys(body: dict[str, Any], wanted: set[str]) -> None:
+    if body.keys() != wanted:
+        raise Invalid(f"give {', '.join(sorted(wanted)) or 'nothing'}")
+
+
+def _text(body: dict[str, Any], wanted: set[str]) -> str:
+    """Return the text of a request with these keys."""
+    _keys(body, wanted)
+    text = body["text"]
+    if (
+        not isinstance(text, str)
+        or "\0" in text
+        or any("\ud800" <= one <= "\udfff" for one in text)
+    ):
+        raise Invalid("this is not text")
+    if len(text.encode()) > form.LARGEST:
+        raise Invalid(f"a case has at most {form.LARGEST:,} bytes", 413)
+    return text
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+@lru_cache
+def _objects() -> list[dict[str, Any]]:
+    """Return all leeway classes, each with the everyday words that mean it."""
+    classes = tuple(leeway.classes())
+    words: dict[str, list[str]] = {name: [] for name in classes}
+    for word in everyday.everyday_words():
+        meaning = everyday.classes_of_word(word, classes)
+        for name in meaning.classes if meaning else ():
+            words[name].append(word)
+    listed = [
+        {
+            "name": one.name,
+            "description": one.description,
+            "level": one.level,
+            "words": words[one.name],
+        }
+        for one in leeway.classes().values()
+    ]
+    water = leeway.WATER
+    return [
+        *listed,
+        {"name": water.name, "description": water.description, "level": 0, "words": ["water"]},
+    ]

@@ -1,0 +1,182 @@
+"""Warm processes of the desk: one answers what is typed, one makes sketches.
+
+Each has the fence and the limits of a job, but no folder to write into besides its own temporary
+one. A process that crashes, takes too long, or does not give up a cancelled sketch is killed, and
+the next request starts another.
+"""
+
+import asyncio
+import contextlib
+import json
+import os
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from drift.apps.serve import jobs
+from geo.errors import UserError
+from geo.files import fence
+
+START = "from drift.apps.cli import tethered; tethered.answer"
+MOST_WAITING = 20  # requests
+LONGEST_ANSWER = 2**25  # [bytes]
+PATIENCE = {"form": 10.0, "set": 10.0, "check": 10.0, "coast": 30.0, "forcing": 60.0}  # [s]
+FIRST = 60.0  # [s] more, for a process that starts
+SKETCH = 180.0  # [s]
+GRACE = 2.0  # [s] that a process has to give up a cancelled sketch
+
+
+class Overtaken(Exception):
+    """A newer request took the place of this one, or it was cancelled."""
+
+
+class Warm:
+    """A process that stays, and answers one request after the other."""
+
+    def __init__(self, folder: Path, allowed: fence.Fence, limits: jobs.Limits) -> None:
+        self._folder, self._limits = folder, limits
+        self._fence = replace(allowed, writable=())
+        self._process: asyncio.subprocess.Process | None = None
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
+        self._turn = asyncio.Lock()
+        self._waiting = self._number = 0
+        self._current: str | None = None  # request that the process works on
+        self._newest = 0
+        self._closed = False
+
+    async def ask(self, do: str, **values: Any) -> Any:
+        """Return the answer to a request.
+
+        Raises:
+            UserError: what the user can correct, or the process ended or took too long.
+            Overtaken: too many requests wait.
+        """
+        if self._waiting >= MOST_WAITING:
+            raise Overtaken("too many requests are waiting")
+        self._waiting += 1
+        try:
+            async with self._turn:
+                return await self._ask(do, values)
+        finally:
+            self._waiting -= 1
+
+    async def ask_newest(self, do: str, **values: Any) -> Any:
+        """Return the answer to a request, which takes the place of those before it."""
+        self._newest += 1
+        mine = self._newest
+        await self._give_up()
+        async with self._turn:
+            if mine != self._newest:
+                raise Overtaken("a newer one took its place")
+            answer = await self._ask(do, values)
+        if mine != self._newest:
+            raise Overtaken("cancelled")
+        return answer
+
+    async def cancel(self) -> None:
+        """Give up the sketch that is being made, and all that wait."""
+        self._newest += 1
+        await self._give_up()
+
+    async def close(self) -> None:
+        """End the process, and answer no more requests."""
+        self._newest += 1
+        self._closed = True
+        self._kill()
+        async with self._turn:
+            await self._end()
+
+    async def _give_up(self) -> None:
+        process, number = self._process, self._number
+        if self._current != "sketch" or process is None or process.stdin is None:
+            return
+        process.stdin.write(b'"cancel"\n')
+        for _ in range(20):
+            await asyncio.sleep(GRACE / 20)
+            if self._current is None or self._number != number:
+                return
+        self._kill()
+
+    async def _ask(self, do: str, values: dict[str, Any]) -> Any:
+        if self._closed:
+            raise Overtaken("the server ends")
+        self._number += 1
+        patience = SKETCH if do in ("sketch", "warm") else PATIENCE[do]
+        try:
+            if not self._alive():
+                patience += FIRST
+                await self._start()
+            process = self._process
+            assert process is not None
+            assert process.stdin is not None
+            assert process.stdout is not None
+            self._current = do
+            request = {"id": self._number, "do": do, **values}
+            process.stdin.write(json.dumps(request).encode() + b"\n")
+            line = await asyncio.wait_for(process.stdout.readline(), patience)
+            answer = json.loads(line)
+            if answer["id"] != self._number:
+                raise ValueError
+        except TimeoutError:
+            await self._end()
+            raise UserError(f"this took longer than {patience:g} s and was ended") from None
+        except (OSError, ValueError, KeyError, TypeError):
+            await self._end()
+            raise UserError("the process that works on this ended; try again") from None
+        except asyncio.CancelledError:  # the server ends
+            await self._end()
+            raise
+        finally:
+            self._current = None
+        if "cancelled" in answer:
+            raise Overtaken("cancelled")
+        if "error" in answer:
+            raise UserError(*str(answer["error"]).split("\n"))
+        return answer["answer"]
+
+    def _alive(self) -> bool:
+        process = self._process
+        if process is None or process.stdout is None:
+            return False
+        return process.returncode is None and not process.stdout.at_eof()
+
+    async def _start(self) -> None:
+        await self._end()
+        self._scratch = tempfile.TemporaryDirectory(
+            prefix="drift-desk-", ignore_cleanup_errors=True
+        )
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-c",
+            jobs.python_code(self._folder, self._limits, START),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.DEVNULL,
+            cwd=self._scratch.name,
+            env=jobs.environment(self._fence, self._scratch.name),
+            start_new_session=os.name == "posix",
+            limit=LONGEST_ANSWER,
+        )
+
+    def _kill(self) -> None:
+        """Kill the process; the request that waits for it ends it."""
+        if self._process is not None and self._process.returncode is None:
+            jobs.kill(self._process)
+
+    async def _end(self) -> None:
+        """Kill the process, wait for its end, and remove its folder; only by who has the turn."""
+        self._kill()
+        process, self._process = self._process, None
+        scratch, self._scratch = self._scratch, None
+        if process is not None:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.stdin.close()
+            while await process.stdout.read(2**16):
+                pass
+            await process.wait()
+        if scratch is not None:
+            with contextlib.suppress(OSError):
+                scratch.cleanup()
