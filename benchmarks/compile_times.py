@@ -102,7 +102,8 @@ def trackline() -> Callable[[], object]:
     points = runtime.upload(np.zeros(2, np.int32))
     numbers = [runtime.upload(np.ones(1, np.float32)) for _ in range(3)]
     args = (True, 0, N, 0, own.lon, own.lat, own.release, tries, *KEY, points, *numbers)
-    return lambda: draws.draw_trackline(*args, 1.0, 0.0, 1.0, -1.0, 0, 60.0, device.pack)
+    tilt = (False, *(numbers[0],) * 4)
+    return lambda: draws.draw_trackline(*args, 1.0, 0.0, 1.0, -1.0, 0, 60.0, *tilt, device.pack)
 
 
 def objects() -> Callable[[], object]:

@@ -198,7 +198,8 @@ def test_every_key_is_described(heading: str) -> None:
 def test_keys_of_a_scenario() -> None:
     """Its chapter names the keys that searches add to it, and those of survival."""
     described = rows(sections()["[[scenario]]"], "key")
-    assert set(described) == {"search_object", "survival"} <= keys(scenario.ScenarioTable)
+    searched = {"search_object", "survival", "hazard"}
+    assert set(described) == searched <= keys(scenario.ScenarioTable)
     assert keys(scenario.SurvivalTable) <= set(re.findall(r"\w+", " ".join(described["survival"])))
 
 

@@ -18,7 +18,7 @@ from pydantic_core import PydanticUndefined
 
 from drift.case import schema
 from drift.case.forcing import sources, uncertainty
-from drift.case.scenario import behaviour, change, family, itinerary, network, waypoints
+from drift.case.scenario import behaviour, change, family, hazard, itinerary, network, waypoints
 from drift.case.scenario import scenario as scenarios
 from drift.case.search import barrier, contact, look, pattern, plan, presence, sensor, sortie
 from drift.case.tracking import bridge, tracker, tracking
@@ -33,6 +33,7 @@ PAGES: dict[Model, tuple[str, str]] = {
     uncertainty.CurrentErrorTable: ("errors.md", "## Keys"),
     uncertainty.WindErrorTable: ("errors.md", "## Keys"),
     scenarios.ScenarioTable: ("search_keys.md", "## `[[scenario]]`"),
+    hazard.HazardTable: ("targets.md", "### `hazard`"),
     change.ChangeTable: ("changes.md", "## `[[scenario.change]]`"),
     sortie.SortieTable: ("search_keys.md", "## `[[sortie]]`"),
     pattern.RegionTable: ("search_keys.md", "### `area`"),

@@ -21,7 +21,7 @@ from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
 from drift.engine.motion import own_motion
 from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.own_motion import OwnMotion
-from drift.engine.motion.scenario import Change, Scenario
+from drift.engine.motion.scenario import Change, Hazard, Scenario
 from drift.engine.motion.steering.itinerary import Itinerary, Phase, Spread, Ways
 from drift.spills.worlds.records import Find, Patrol, Spill
 from geo import notation
@@ -175,6 +175,9 @@ def _scenario(
     drifter = table.drifter(own)
     with wrong.gathered(place):
         prior = table.prior(start)
+    hazard: Hazard | None = None
+    with wrong.gathered(place):
+        hazard = table.hazard.hazard(folder) if table.hazard else None
     changes: tuple[Change, ...] = ()
     with wrong.gathered():
         changes = table.changes(start)
@@ -200,6 +203,11 @@ def _scenario(
         with wrong.gathered():
             _check_sources(place, drifter, chosen, own)
             _check_winds_of_changes(place, changes, chosen)
+        if hazard is not None and hazard.wind is not None and not chosen["wind"]:
+            wrong.lines.append(
+                f"{place}.hazard is by the wind and there is none: add [[wind]] with files, or "
+                'constant = { speed = "12 kn", from = 240 }'
+            )
         if own is not None and "waves" in own.uses and not chosen["stokes"]:
             wrong.lines.append(
                 f"{place}: {own.path.name} uses waves, and the case has none: add [[stokes]], their Stokes drift"
@@ -225,6 +233,7 @@ def _scenario(
         itinerary=itinerary,
         source_level=table.source_level,
         changes=changes,
+        hazard=hazard,
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from drift.case.record import Case
-from drift.engine.environment import coastline, domain, environment, lost
+from drift.engine.environment import coastline, domain, environment, hazards, lost
 from drift.engine.environment.environment import Common, Environment
 from drift.engine.environment.environment_spec import Coast, EnvironmentSpec
 from drift.engine.environment.silence import AtEnd
@@ -106,8 +106,11 @@ def ensemble_spec(case: Case) -> EnsembleSpec:
 
 
 def spec_of(case: Case, where: Environment) -> EnsembleSpec:
-    """Return the prior of a case, with the members of its forcing ensemble."""
-    return replace(ensemble_spec(case), members=where.members)
+    """Return the prior of a case, with its hazards and the members of its forcing ensemble."""
+    tilted = hazards.with_hazards(
+        case.scenarios, where.scenarios, case.direction, len(where.members)
+    )
+    return replace(ensemble_spec(case), members=where.members, scenarios=tilted)
 
 
 def environment_spec(case: Case) -> EnvironmentSpec:

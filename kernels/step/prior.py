@@ -24,6 +24,9 @@ REDRAWS = 64
 # LINES
 LINES = 3
 
+# hazard across a track: at so many places, to so many standard deviations on either side
+ACROSS, WIDEST = 33, 4.0
+
 f32x2 = ti.types.vector(2, ti.f32)
 I64s = ti.types.ndarray(dtype=ti.i64, ndim=1)
 
@@ -170,6 +173,36 @@ def draw_area(
         tries[1] += 1 - found
 
 
+@ti.func
+def _first_from(proposed: ti.template(), u: ti.f32):
+    """Return the first cell whose cumulated probability reaches u."""
+    low, high = 0, proposed.shape[0] - 2
+    while low < high:
+        middle = (low + high) // 2
+        if proposed[middle + 1] < u:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@ti.func
+def _hazard_at(hazard: ti.template(), row: ti.i32, along: ti.f32, aside: ti.f32):
+    """Return the hazard at a share of a cell along the track, bilinear.
+
+    aside: distance across the track [standard deviations]; beyond WIDEST as there.
+    """
+    a = ti.min(ti.max(along, 0.0), 1.0)
+    column = (aside + WIDEST) * ((ACROSS - 1) / (2.0 * WIDEST))
+    column = ti.min(ti.max(column, 0.0), ACROSS - 1.0)
+    j = ti.min(ti.cast(column, ti.i32), ACROSS - 2)
+    b = column - j
+    at = row * ACROSS + j
+    near = (1.0 - b) * hazard[at] + b * hazard[at + 1]
+    far = (1.0 - b) * hazard[at + ACROSS] + b * hazard[at + ACROSS + 1]
+    return (1.0 - a) * near + a * far
+
+
 @ti.kernel
 def draw_trackline(
     coastal: ti.template(),
@@ -192,6 +225,11 @@ def draw_trackline(
     mode: ti.f32,
     departure: ti.i32,
     voyage: ti.f32,
+    tilted: ti.template(),
+    law: Reals,
+    proposed: Reals,
+    most: Reals,
+    hazard: Reals,
     coast: Coast,
 ):
     """Draw the share of the voyage completed at the time of distress, and the position there.
@@ -201,14 +239,28 @@ def draw_trackline(
     one per piece. The share is uniform over [earliest, latest], or triangular with its peak at mode
     if mode >= 0. release [s after start] = departure + share * voyage. cross_track: standard
     deviation [m].
+
+    tilted: the density is multiplied by a hazard. The time between earliest and latest has n cells,
+    with law and proposed (n + 1): the cumulated law of the share, and of the cells as they are
+    proposed, by the greatest hazard in each, most (n). hazard ((n + 1) * ACROSS): at the ends of
+    the cells, from -WIDEST to WIDEST standard deviations across the track. A candidate is kept in
+    proportion to its hazard; only what is kept counts as tried.
     """
     for i in range(first, last):
         found = 0
         k = 0
+        kept = 0
         while found == 0 and k < TRIES:
             w = noise.noise_words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
             k += 1
             u = noise.uniform(w[0])
+            which = 0
+            if ti.static(tilted):
+                which = _first_from(proposed, u)
+                share_of_cell = (u - proposed[which]) / ti.max(
+                    proposed[which + 1] - proposed[which], 1e-30
+                )
+                u = law[which] + share_of_cell * (law[which + 1] - law[which])
             share = earliest + (latest - earliest) * u
             if mode >= 0.0:
                 peak = (mode - earliest) / (latest - earliest)
@@ -227,14 +279,22 @@ def draw_trackline(
             along = lengths[low] * (share - begin) / ti.max(ends[low] - begin, 1e-12)
             s, c = angles.sincos(courses[low])
             x, y = sphere.exponential(points[2 * low], points[2 * low + 1], along * s, along * c)
-            off = cross_track * noise.normals(w[2], w[3])[0]
+            aside = noise.normals(w[2], w[3])[0]
+            off = cross_track * aside
             x, y = sphere.exponential(x, y, off * c, -off * s)
             found = 1
+            if ti.static(tilted):
+                passed = (share - earliest) / ti.max(latest - earliest, 1e-30)
+                there = _hazard_at(hazard, which, passed * most.shape[0] - which, aside)
+                if noise.uniform(w[1]) * most[which] >= there:
+                    found = 0
+            kept += found
             if ti.static(coastal):
-                found = is_wet(x, y, coast)
+                if found == 1:
+                    found = is_wet(x, y, coast)
             lon[i], lat[i] = x, y
             release[i] = departure + ti.cast(ti.round(share * voyage), ti.i32)
-        tries[0] += k
+        tries[0] += kept
         tries[1] += 1 - found
 
 

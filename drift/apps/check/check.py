@@ -11,7 +11,7 @@ from drift.apps.check import outlook, voyage
 from drift.case.record import Case
 from drift.engine.motion.buoys import BuoyTrack, PointReport
 from drift.engine.motion.leeway import COAST_GUARD
-from drift.engine.motion.scenario import UNCHANGED, Change, Scenario
+from drift.engine.motion.scenario import UNCHANGED, Change, Hazard, Scenario
 from drift.evidence.filter import contacts
 from drift.evidence.filter.records import Barrier, Contact, Field, Line, Look, Presence, Sortie
 from drift.evidence.sensors.records import Processing, Sensor, Sonar, Tow
@@ -195,6 +195,8 @@ def _scenario(scenario: Scenario, dry: float, *, released: bool) -> str:
         adrift += f" ({scenario.object.source}; measured: {scenario.object.measured})"
     text = f"{_weight(scenario.weight)}, {adrift if own is None else voyage.itinerary_in_words(own, adrift)}"
     text += "" if released else _around(scenario.prior)
+    if scenario.hazard is not None:
+        text += f"; distress likelier {_hazard(scenario.hazard)}"
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
     if scenario.object.measured == "direct" and not scenario.sources.get("stokes"):
@@ -204,6 +206,20 @@ def _scenario(scenario: Scenario, dry: float, *, released: bool) -> str:
     if scenario.survival is not None:
         text += f"; alive: {alive.basis(scenario)}"
     return "; ".join([text, *(_change(one, scenario) for one in scenario.changes)])
+
+
+def _hazard(hazard: Hazard) -> str:
+    """Describe where and when distress is likelier."""
+    if hazard.wind is not None:
+        at, width = (notation.number(speed, 3) for speed in hazard.wind)
+        return f"in the wind, half of the greatest hazard at {at} m/s, within about {width} m/s"
+    text = f"in proportion to {hazard.name}"
+    if hazard.depth is not None:
+        text = f"in less than {notation.number(hazard.depth, 3)} m of water by {hazard.name}"
+        text += f" (elsewhere {notation.number(hazard.deeper, 3)} of that)"
+    if hazard.outside is not None:
+        text += f", {notation.number(hazard.outside, 3)} outside of it"
+    return text
 
 
 def _change(one: Change, scenario: Scenario) -> str:

@@ -302,8 +302,17 @@ def _draw_trackline(prior: TracklinePrior, to: _Draw) -> None:
         mode,
         to.period.elapsed(prior.departure),
         voyage,
+        *_tilt(prior),
         to.water,
     )
+
+
+def _tilt(prior: TracklinePrior) -> tuple[Any, ...]:
+    """Return the arguments of the kernel about a hazard along the voyage."""
+    if prior.tilt is None:
+        return False, *(runtime.upload(np.zeros(1, np.float32)) for _ in range(4))
+    tables = prior.tilt.law, prior.tilt.proposed, prior.tilt.most, prior.tilt.hazard
+    return True, *(runtime.upload(table) for table in tables)
 
 
 DRAWS: dict[type, Callable[[Any, _Draw], None]] = {

@@ -18,6 +18,7 @@ from drift.engine.motion.steering.family import InFamily
 from drift.engine.motion.steering.itinerary import Itinerary, Spread
 from geo import sphere
 from geo.array import Array
+from geo.grids.grid import Grid
 
 PIECE = 50_000.0  # [m] spacing of points along a voyage for its extent
 
@@ -135,12 +136,40 @@ class AreaPrior:
         return np.array(self.lon), np.array(self.lat), 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class Hazard:
+    """How likely distress is at a place and time, compared with others.
+
+    It is 1 / (1 + exp((W - w) / width)) in a wind w, with W and width in `wind`; or the value of a
+    field; or, of a field of depths, 1 in water less deep than `depth`, and `deeper` elsewhere.
+    """
+
+    wind: tuple[float, float] | None = None  # [m/s]
+    name: str = ""  # of the field, for messages
+    grid: Grid | None = None
+    values: Array | None = None  # (t, nlat, nlon), at least 0; depths [m]. NaN: no value
+    times: Array | None = None  # UTC (t,) ascending; empty: always the same
+    depth: float | None = None  # [m]
+    deeper: float = 0.0
+    outside: float | None = None  # where and when the field has no value; None: that is rejected
+
+
+@dataclass(frozen=True, eq=False)
+class Tilt:
+    """A hazard along a voyage as kernels.step.prior.draw_trackline takes it; all float32."""
+
+    law: Array  # (n + 1,)
+    proposed: Array  # (n + 1,)
+    most: Array  # (n,)
+    hazard: Array  # ((n + 1) * ACROSS,)
+
+
 @dataclass(frozen=True)
 class TracklinePrior:
     """Along great-circle legs at constant speed, with cross-track error.
 
     The object goes adrift at an unknown share of the voyage, uniform in [low, high], or triangular
-    there with its peak at `mode`.
+    there with its peak at `mode`. With a tilt, that density is multiplied by a hazard.
     """
 
     reported: ClassVar[tuple[float, float] | None] = None
@@ -157,6 +186,7 @@ class TracklinePrior:
     mode: float | None
     release_start: np.datetime64
     release_end: np.datetime64
+    tilt: Tilt | None = None
 
     def extent(self, spreads: float) -> tuple[Array, Array, float]:
         """Return places along the voyage in the format of PositionPrior.extent."""
@@ -188,6 +218,7 @@ class Scenario:
     # None: not stated.
     source_level: float | tuple[tuple[float, float], ...] | None = None
     changes: tuple[Change, ...] = ()  # of its state while it is adrift
+    hazard: Hazard | None = None  # of distress along its trackline; None: the same everywhere
 
     @property
     def objects(self) -> tuple[Drifter, ...]:
@@ -201,8 +232,9 @@ class Scenario:
 
     @property
     def uses_wind(self) -> bool:
-        """Whether the wind moves its object in any state, or changes it."""
+        """Whether the wind moves its object in any state, changes it, or makes distress likelier."""
         by_wind = any(one.wind is not None for one in self.changes)
+        by_wind |= self.hazard is not None and self.hazard.wind is not None
         return by_wind or any(drifter.uses_wind for drifter in self.objects)
 
     @property

@@ -14,18 +14,12 @@ from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from drift.evidence.sensors import circle, table_file, table_values
+from drift.evidence.sensors import circle, place_file, table_file, table_values
 from drift.evidence.sensors.records import PodGrid
 from drift.evidence.sensors.table_file import Asked, Found
 from geo.array import Array
 from geo.errors import UserError
-from geo.forcing.reading import component, slices, tile
-from geo.forcing.times import clock
-from geo.grids import grid as grids
-from geo.grids import locate, naming, regrid, target
-from geo.grids.layout import Axes, Layout
 
 MEANT = re.compile(r"\bp(o)?d\b|^(p|pod|pd|detection)$|probability|detection|blip.?scan", re.I)
 SHARES = ("", "1", "unitless", "dimensionless", "probability", "fraction")
@@ -104,7 +98,11 @@ def _round_sensor(found: Found, per: float, gaps: Gaps) -> PodGrid:
     bearing = table_values.axis(found, "bearing") if "bearing" in found.kinds else np.zeros(1)
     dims = [found.kinds[k] for k in ("time", "bearing", "range") if k in found.kinds]
     table = table_file.values(found, dims).reshape(-1, bearing.size, metres.size)[:, :, order]
-    labels = (("time", _moments(when), ""), ("bearing", bearing, " deg"), ("range", metres, " m"))
+    labels = (
+        ("time", place_file.moments(when), ""),
+        ("bearing", bearing, " deg"),
+        ("range", metres, " m"),
+    )
     table = _probabilities(table, table_values.unit_of(found, found.variable), labels, name, gaps)
     radians, table = circle.close_circle(bearing, table, 1, name, AGREE, "")
     pod = np.ascontiguousarray(table, np.float32)
@@ -115,76 +113,16 @@ def _over_places(
     data: xr.Dataset, asked: Asked, coordinates: Mapping[str, str], per: float, gaps: Gaps
 ) -> PodGrid:
     """Return the POD of a table by place, on an even grid."""
-    variable = table_file.variable_of(
-        data,
-        asked,
-        MEANT,
-        "POD over longitude and latitude, or bearing and range",
-        lambda n: data[n].ndim > 0,
-    )
-    data = table_file.selected(data, variable, asked)
-    time = clock.variable_of(data, [str(d) for d in data[variable].dims], {})
-    has_time = time is not None and data[time].ndim == 1
-    kinds = {"time": str(data[time].dims[0])} if has_time else {}
-    found = Found(data, variable, kinds, {"time": str(time)} if has_time else {}, asked)
-    when, name = table_values.times(found), asked.name
-    dims = _horizontal(found, coordinates)
-    try:
-        layout = locate.locate(data, variable, dims, coordinates)[0]
-    except UserError as error:
-        message = (
-            str(error)
-            .replace("set variables = {", "set coordinates = {")
-            .replace("variables.", "coordinates.")
-        )
-        raise UserError(f"{name}: {message}") from error
-    table = table_file.values(found, [*kinds.values(), *dims])
-    table = table.reshape(-1, *table.shape[len(kinds) :])
-    for k, index in enumerate(slices.window(layout), start=1):
-        table = np.take(table, index, axis=k)
-    labels = (("time", _moments(when), ""), *_labels(layout, dims, table.shape[1:]))
-    table = _probabilities(table, table_values.unit_of(found, variable), labels, name, gaps)
-    grid = tile.regular(layout, layout)
-    if grid is not None:
-        pod = [grids.widen(slab.astype(np.float32), grid) for slab in table]
-    else:
-        grid, _ = target.choose([layout], None)
-        matrix = regrid.weights(layout, grid)
-        shape = grid.nlat, grid.columns
-        carried = (regrid.regrid_values(matrix, slab).reshape(shape) for slab in table)
-        pod = [grids.widen(np.nan_to_num(slab, nan=0.0), grid) for slab in carried]
-    lat, lon = np.radians(grid.lat), np.radians(grid.lon)
-    return PodGrid(np.clip(np.stack(pod), 0.0, 1.0), when, lat=lat, lon=lon, per=per, name=name)
+    what = "POD over longitude and latitude, or bearing and range"
 
+    def checked(table: Array, found: Found, labels: Sequence[table_file.Label]) -> Array:
+        unit = table_values.unit_of(found, found.variable)
+        return _probabilities(table, unit, labels, asked.name, gaps)
 
-def _moments(when: NDArray[np.datetime64]) -> Array:
-    return when if when.size else np.arange(1, 2)
-
-
-def _labels(layout: Layout, dims: Sequence[str], shape: tuple[int, ...]) -> list[table_file.Label]:
-    """Return the labels of the horizontal dimensions for messages."""
-    if isinstance(layout, Axes):
-        return [("latitude", layout.lat, ""), ("longitude", layout.lon, "")]
-    return [(d, np.arange(n), " (counted from 0)") for d, n in zip(dims, shape, strict=True)]
-
-
-def _horizontal(found: Found, coordinates: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the horizontal dimensions, latitude or rows first; a mesh has one."""
-    data, name = found.data, found.variable
-    dims = [str(d) for d in data[name].dims if str(d) not in found.kinds.values()]
-    several = [d for d in dims if data.sizes[d] > 1 or naming.LON.match(d) or naming.LAT.match(d)]
-    if len(several) > 2:
-        points = {str(d) for n in coordinates.values() if n in data.variables for d in data[n].dims}
-        extra = next((d for d in several if d not in points and not naming.of_grid(d)), several[0])
-        table_file.values(found, [d for d in dims if d != extra])  # raises, and lists its values
-    if not several:
-        raise UserError(
-            f"{found.name}: {table_file.spoken(data, name)} is no table over longitude and latitude, nor over bearing and "
-            "range: set variable to another"
-        )
-    if len(several) == 2 and component.lat_last(data, several):
-        several.reverse()
-    return tuple(several)
+    places = place_file.read_places(data, asked, coordinates, MEANT, what, checked)
+    lat, lon = np.radians(places.grid.lat), np.radians(places.grid.lon)
+    pod = np.clip(np.nan_to_num(places.values, nan=0.0), 0.0, 1.0)
+    return PodGrid(pod, places.times, lat=lat, lon=lon, per=per, name=asked.name)
 
 
 def _probabilities(

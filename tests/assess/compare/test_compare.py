@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from drift.assess.compare import chapter, pairing, report, text
 from drift.pipeline import flow
 from drift.products.maps.imprint import Imprint, Setting
 from drift.products.maps.marks import Mark
+from geo.box import Box
 
 # differences of maps are made on a grid of their own
 pytestmark = pytest.mark.usefixtures("coarse_maps")
@@ -81,6 +83,14 @@ def test_runs_are_those_of_drift_run(search: drift.Case) -> None:
         alone.summary["search"]["updates"][0]["pos"]
         == found.a.summary["search"]["updates"][0]["pos"]
     )
+
+
+def test_particles_and_random_numbers_are_those_of_the_first_case(search: drift.Case) -> None:
+    """B's own seed and number of particles do not count, and A stays what it was."""
+    a, b = pairing.pair_cases(search, drift.vary(search, {"seed": 77, "particles": 500}))
+    assert search.seed != 77
+    for case in (a, b):
+        assert (case.seed, case.particles, sum(case.counts)) == (search.seed, 3000, 3000)
 
 
 @pytest.mark.thorough
@@ -253,6 +263,30 @@ def spill(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
 def test_a_spill_against_a_search_is_refused(search: drift.Case, spill: drift.Case) -> None:
     with pytest.raises(drift.UserError, match=r"it is a spill, and trial\.toml is a search"):
         drift.compare(search, spill)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "both"),
+    [
+        ((1, 50, 3, 52), (2, 51, 4, 55), (1, 50, 4, 55)),
+        ((1, 50, 3, 52), (-2, 48, 2, 51), (-2, 48, 3, 52)),
+        ((1, 50, 9, 55), (2, 51, 4, 52), (1, 50, 9, 55)),
+        ((178, -10, 181, -8), (-179.5, -9, -178, -7), (178, -10, 182, -7)),
+        ((-179.5, -9, -178, -7), (178, -10, 181, -8), (178, -10, 182, -7)),
+        ((-170, 1, 20, 2), (10, 0, 195, 3), (-180, 0, 180, 3)),
+    ],
+    ids=["north-east", "south-west", "inside", "across 180", "from its east", "all round"],
+)
+def test_two_spills_have_the_box_that_holds_both(
+    spill: drift.Case,
+    one: tuple[float, ...],
+    other: tuple[float, ...],
+    both: tuple[float, ...],
+) -> None:
+    """West, south, east and north [deg]."""
+    given = (replace(spill, domain=Box(*sides)) for sides in (one, other))
+    for case in pairing.pair_cases(*given):
+        assert case.domain == Box(*both)
 
 
 @pytest.mark.thorough

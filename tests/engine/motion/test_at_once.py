@@ -159,9 +159,12 @@ position = { at = [0.11, 0.05], std = "200 m" }
 """
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
-    "contact", [SEEN, FOUND], ids=["a sighting", "debris that guides particles"]
+    "contact",
+    [
+        pytest.param(SEEN, id="a sighting"),
+        pytest.param(FOUND, id="debris that guides particles", marks=pytest.mark.thorough),
+    ],
 )
 def test_a_search_is_not_asked_while_nothing_happens(
     contact: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -96,7 +96,6 @@ pod = 0.6
     assert pos[1] == pytest.approx(pos[0], abs=1 / 40_000)
 
 
-@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_maps")
 @pytest.mark.parametrize("step", [pytest.param("5 min", marks=pytest.mark.thorough), "1 h"])
 def test_a_pattern_drifts_with_its_datum_past_a_pole_as_past_any_point(

@@ -14,13 +14,13 @@ LEFT = (0, 2, 4)
 ROUNDS = 6000
 
 
-def shares(method: str, number: int = 6) -> np.ndarray:
+def shares(method: str, number: int = 6, rounds: int = ROUNDS) -> np.ndarray:
     """Return the share of each first particle after a draw, (rounds, 6)."""
     room = np.append(WEIGHT, np.zeros(resample.METHODS[method].slots(number) - number))
     with np.errstate(divide="ignore"):
         log_weight = np.log(room).astype(np.float32)
-    found = np.zeros((ROUNDS, 6))
-    for k in range(ROUNDS):
+    found = np.zeros((rounds, 6))
+    for k in range(rounds):
         ancestors, new, spare = resample.offspring(
             log_weight, [(0, len(room))], [number], method, (21, k)
         )
@@ -44,18 +44,18 @@ def counted() -> tuple[np.ndarray, np.ndarray]:
     return scaled, raw
 
 
-@pytest.mark.thorough
-def test_duplicates_come_to_what_is_counted_and_not_to_the_posterior() -> None:
-    found = shares("duplicates")
+@pytest.mark.parametrize("rounds", [600, pytest.param(ROUNDS, marks=pytest.mark.thorough)])
+def test_duplicates_come_to_what_is_counted_and_not_to_the_posterior(rounds: int) -> None:
+    found = shares("duplicates", rounds=rounds)
     scaled, raw = counted()
     own = WEIGHT[list(LEFT)]
     # w (1 + m w)
     np.testing.assert_allclose(raw[list(LEFT)], own * (1 + 3 * own / own.sum()), rtol=1e-12)
     # the scenario weighs what it did
     np.testing.assert_allclose(found.sum(axis=1), WEIGHT.sum(), rtol=1e-6)
-    error = found.std(axis=0) / np.sqrt(ROUNDS)
+    error = found.std(axis=0) / np.sqrt(rounds)
     assert (np.abs(found.mean(axis=0) - scaled) <= 3 * error + 1e-7).all()  # weights are 32 bits
-    assert abs(found.mean(axis=0)[2] - WEIGHT[2]) > 20 * error[2]
+    assert abs(found.mean(axis=0)[2] - WEIGHT[2]) > 20 * np.sqrt(rounds / ROUNDS) * error[2]
     assert scaled[2] == pytest.approx(0.57, abs=0.005)  # as the documentation says
 
 

@@ -95,7 +95,6 @@ def sight(
     return np.array(bearing), np.array(across), np.array(away)
 
 
-@pytest.mark.thorough
 def test_what_seeks_meets_the_tracker() -> None:
     """Across the line of sight both make good the same; who is too slow for that goes straight; the
     speed stays.

@@ -165,7 +165,6 @@ def test_duplicates_keep_off_the_land_too() -> None:
         assert not shapely.contains_xy(inner, *places(batch.go(time), 0, time)).any()
 
 
-@pytest.mark.thorough
 def test_far_north_parallels_are_short() -> None:
     """Off Spitsbergen, where a degree of longitude is a fifth of one of latitude, nobody comes
     ashore on Prins Karls Forland.

@@ -225,8 +225,7 @@ def test_a_voyage_misses_its_way_points_and_goes_adrift_from_where_it_is(tmp_pat
     assert sphere.distance(*ended, *np.radians(POINTS[-1])).min() > 5_000
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("tail", ["", ", tail = 4"])
+@pytest.mark.parametrize("tail", [pytest.param("", marks=pytest.mark.thorough), ", tail = 4"])
 def test_the_current_s_error_is_that_of_what_drifts(tmp_path: Path, tail: str) -> None:
     """Displacements by an Ornstein-Uhlenbeck error: variance 2 s^2 T (t - T (1 - exp(-t / T))), as
     of what is adrift; with a tail Student's.
