@@ -69,7 +69,8 @@ class Track:
     # At the last time with detections: share of the cloud that they kept before the refill, < 0:
     # none; 1 if so few were kept that the cloud was redrawn; that time [s].
     LEFT = 6
-    REAL = 9
+    WAY = 9  # mean velocity [1/s] of the last estimate, a vector
+    REAL = 12
 
     RUN = 0  # key of the random numbers: clouds of one run share them
     RULES = 1  # row of Rules
@@ -103,9 +104,13 @@ Tracks = ti.types.argpack(track_real=DoubleTable, track_whole=IntTable)
 Sweeps = ti.types.argpack(sweep_real=DoubleTable, sweep_whole=IntTable)
 
 # An estimate; velocities [rad/s]. level: share of the cloud in denser places than the target; NaN:
-# not computed. lost: last loss of the track [s]; left, anew: see Track. The last three are written
-# even without a track.
-FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost", "left", "anew")
+# not computed. lost: last loss of the track [s]; left, anew: see Track. `fix` and `way`: the
+# estimate at the last detection, its mean velocity [1/s] as vectors, and `since`, its time [s]; NaN
+# before the first. From `lost` on they are written even without a track.
+FIELDS = (
+    *("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost", "left", "anew"),
+    *("fix_x", "fix_y", "fix_z", "way_x", "way_y", "way_z", "since"),
+)
 WIDE = len(FIELDS)
 
 
@@ -467,6 +472,8 @@ def followed(
                     tracks.track_real[k, Track.ESTIMATE + 3],
                     tracks.track_real[k, Track.ESTIMATE + 4],
                 ) = rate, time
+                for d in ti.static(range(3)):
+                    tracks.track_real[k, Track.WAY + d] = velocity[d]
             if row >= 0:
                 own_east, own_north = frame(mean)
                 for d in ti.static(range(3)):
@@ -490,6 +497,11 @@ def followed(
                         total,
                         vector(sweeps.sweep_real, e, Sweep.PLACE),
                     )
+        if row >= 0 and tracks.track_real[k, Track.ESTIMATE + 3] >= 0.0:
+            for d in ti.static(range(3)):
+                estimates[place + 12 + d] = tracks.track_real[k, Track.ESTIMATE + d]
+                estimates[place + 15 + d] = tracks.track_real[k, Track.WAY + d]
+            estimates[place + 18] = tracks.track_real[k, Track.ESTIMATE + 4]
     tracks.track_whole[k, Track.COUNT], tracks.track_whole[k, Track.DRAWN] = count, drawn
 
 
@@ -552,7 +564,7 @@ def follow(
         rules: the members of Rules.
         sweeps: the members of Sweeps.
         legs: the members of Legs.
-        estimates: written, (rows * 12,), the FIELDS of each.
+        estimates: written, (rows * 19,), the FIELDS of each.
         coast: whose land particles avoid; None: they may be anywhere.
 
     Raises:

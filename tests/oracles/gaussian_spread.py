@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -48,33 +48,39 @@ def line(angle: float, std: float) -> np.ndarray:
     return std**2 * np.outer(unit, unit)
 
 
-def covariances(t: float, windy: bool = True) -> dict[str, np.ndarray]:
-    """Return the covariance (east, north) [m2] that each source adds after t [s].
+def covariance(sources: Iterable[str], t: float) -> np.ndarray:
+    """Return the covariance (east, north) [m2] by some sources after t [s].
 
-    windy: whether the wind has an error.
+    The error of the wind moves each object by its own windage, where both differ.
     """
-    one, gusts = np.eye(2), windy * ornstein_uhlenbeck(WIND_STD, WIND_TIME, t)
-    return {
-        "start": line(TURN, ALONG) + line(TURN + 90, ACROSS),
-        "current": (ornstein_uhlenbeck(STD, TIME, t) + (BIAS * t) ** 2) * one,
-        "wind": WINDAGE**2 * gusts * one,
-        "leeway": line(TOWARD, SPREAD * WIND * t) + SPREAD**2 * gusts * one,
-        "diffusion": 2 * DIFFUSIVITY * t * one,
+    on, gusts = set(sources), ornstein_uhlenbeck(WIND_STD, WIND_TIME, t)
+    isotropic = {
+        "current": ornstein_uhlenbeck(STD, TIME, t) + (BIAS * t) ** 2,
+        "wind": WINDAGE**2 * gusts,
+        "diffusion": 2 * DIFFUSIVITY * t,
     }
+    total = sum(isotropic.get(name, 0.0) for name in on) * np.eye(2)
+    if "start" in on:
+        total += line(TURN, ALONG) + line(TURN + 90, ACROSS)
+    if "leeway" in on:
+        total += line(TOWARD, SPREAD * WIND * t)
+    if {"leeway", "wind"} <= on:
+        total += SPREAD**2 * gusts * np.eye(2)
+    return total
 
 
-def area(share: float, each: Iterable[np.ndarray]) -> float:
-    """Return the area [m2] that holds a share of a normal distribution."""
-    total = sum(each, np.zeros((2, 2)))
-    return 2 * math.pi * -math.log1p(-share) * math.sqrt(max(np.linalg.det(total), 0.0))
+def area(share: float, sources: Iterable[str], t: float) -> float:
+    """Return the area [m2] that holds a share of the normal distribution by some sources."""
+    determinant = max(float(np.linalg.det(covariance(sources, t))), 0.0)
+    return 2 * math.pi * -math.log1p(-share) * math.sqrt(determinant)
 
 
-def orders(share: float, each: Mapping[str, np.ndarray]) -> dict[str, float]:
+def shapley(share: float, sources: Sequence[str], t: float) -> dict[str, float]:
     """Return the mean of what each source adds to the area, over every order of the sources."""
-    found = dict.fromkeys(each, 0.0)
-    every = list(itertools.permutations(each))
+    found = dict.fromkeys(sources, 0.0)
+    every = list(itertools.permutations(sources))
     for order in every:
         for k, name in enumerate(order):
-            before, after = ([each[one] for one in order[: k + more]] for more in (0, 1))
-            found[name] += (area(share, after) - area(share, before)) / len(every)
+            added = area(share, order[: k + 1], t) - area(share, order[:k], t)
+            found[name] += added / len(every)
     return found

@@ -72,6 +72,7 @@ def track_csv(found: Regained) -> str:
     """Return the estimated track as CSV, a row per detection and time shown."""
     held = found.held
     lon, lat = path.degrees(held.place)
+    carried = path.degrees(held.carried)
     rows: list[dict[str, Any]] = []
     for k, regions in enumerate(held.areas):
         numbers = {
@@ -96,6 +97,10 @@ def track_csv(found: Regained) -> str:
                     if regions
                     else ""
                     for share in holding.SHARES
+                },
+                **{
+                    f"carried_{name}": "" if np.isnan(values[k]) else f"{values[k]:.4f}"
+                    for name, values in zip(("lat", "lon"), carried[::-1], strict=True)
                 },
             }
         )
@@ -171,10 +176,12 @@ def summary_of_track(found: Regained) -> dict[str, Any]:
 
 def _estimate_at(found: Regained, one: Shown) -> dict[str, Any]:
     held, cloud, k = found.held, one.cloud, found.held.row(one.time)
+    carried = path.degrees(held.carried[k])
     numbers = {
         "time": notation.iso(text.moment(found, one.time)),
         "held": cloud is not None,
         "others_holding": one.holding,
+        "carried": {"lon": float(carried[0]), "lat": float(carried[1])},
     }
     if cloud is None:
         return numbers

@@ -30,7 +30,7 @@ KEY = 0.725  # left edge of the legend
 DOTS = 1500  # particles drawn of a cloud
 LINES = {0.5: 1.8, 0.9: 0.8}  # widths of the areas' outlines, by share
 RAY = 24  # points along a bearing
-PATH = "#e65100"
+PATH, CARRIED = "#e65100", "#c2185b"
 WINDOWS = (7.2, 1.0)  # [deg, kn] kernel widths of the course and speed densities, as in Borovies
 
 
@@ -69,6 +69,7 @@ def plot_track(
         *_clouds(axes, frame, found),
     ]
     key += _estimate(axes, frame, found)
+    key += _carried(axes, frame, found)
     if isinstance(found.chased, Chased):
         key += _pursuit_path(axes, frame, found, found.chased)
     elif found.chased is not None:
@@ -103,6 +104,7 @@ def _places(found: Regained) -> tuple[Array, Array]:
     held = found.held
     parts = [
         held.place[np.isfinite(held.within)],
+        held.carried[_after_last_detection(found)],
         _tracker_positions(found)[0],
         _detected_positions(found),
     ]
@@ -316,6 +318,23 @@ def _estimate(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]
             )
         )
     return symbols
+
+
+def _after_last_detection(found: Regained) -> Array:
+    """Return which rows are at or after the last detection of a track, bool (n,)."""
+    held = found.held
+    known = np.flatnonzero(held.detected & np.isfinite(held.carried[:, 0]))
+    return np.arange(len(held.time)) >= (known[-1] if known.size else len(held.time))
+
+
+def _carried(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
+    """Draw where the last detection is if it went on at the mean velocity that it had."""
+    rows = _after_last_detection(found)
+    if rows.sum() < 2:
+        return []
+    x, y = _project(frame, found.held.carried[rows])
+    (line,) = axes.plot(x, y, color=CARRIED, linewidth=1.4, linestyle=(0, (4, 2)), zorder=8)
+    return [(line, "last detection carried forward")]
 
 
 def _times(on: sheet.Page, axes: Axes, frame: Frame, found: Regained) -> None:

@@ -8,7 +8,7 @@ from drift.apps.track.record import Chased, Failed, Regained
 from drift.tracking.tracker import doubts, holding, path
 from drift.tracking.tracker.density import Region
 from drift.tracking.tracker.detections import Detections
-from drift.tracking.tracker.holding import Loss, Shown
+from drift.tracking.tracker.holding import Held, Loss, Shown
 from geo import notation
 from geo.notation import KNOT, NMI
 
@@ -158,9 +158,9 @@ def _rough(found: Regained, one: Shown) -> list[str]:
 
 def _state(found: Regained, one: Shown) -> str:
     held = found.held
-    if one.cloud is None:
-        return "no track is held"
     k = held.row(one.time)
+    if one.cloud is None:
+        return f"no track is held{_carried(held, k)}"
     lon, lat = path.degrees(held.place[k])
     place = notation.position(float(lon), float(lat))
     if np.isnan(held.within[k]):
@@ -173,7 +173,15 @@ def _state(found: Regained, one: Shown) -> str:
         if held.off[k] < VAGUE
         else "any course"
     )
-    return f"{place}, {course_text}, {held.speed[k] / KNOT:.0f} +- {held.slower[k] / KNOT:.0f} kn; {sizes(held.areas[k], one.sizes)}"
+    return f"{place}, {course_text}, {held.speed[k] / KNOT:.0f} +- {held.slower[k] / KNOT:.0f} kn; {sizes(held.areas[k], one.sizes)}{_carried(held, k)}"
+
+
+def _carried(held: Held, row: int) -> str:
+    """Return where the last detection is if it went on; "" at a detection and before the first."""
+    if held.detected[row] or np.isnan(held.carried[row, 0]):
+        return ""
+    lon, lat = path.degrees(held.carried[row])
+    return f"; last detection carried forward: {notation.position(float(lon), float(lat))}"
 
 
 def _path(found: Regained, chased: Chased) -> str:

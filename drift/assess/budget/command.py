@@ -175,9 +175,10 @@ def _areas_of_all(job: Job, found: Sequence[Source]) -> tuple[Array, Array]:
         with _moved(job, off, clock, shore) as (snapshots, is_land):
             if coalition == many - 1:
                 _check_snapshots(case, snapshots)
-            parts = [_batch(one, batch) for batch in range(BATCHES) for one in snapshots]
-            every = _areas(case, [*snapshots, *parts], is_land).reshape(1 + BATCHES, *shape)
-            areas[coalition], batches[:, coalition] = every[0], every[1:]
+            for time, snapshot in enumerate(snapshots):
+                parts = [_batch(snapshot, batch) for batch in range(BATCHES)]
+                every = _areas(case, [snapshot, *parts], is_land)
+                areas[coalition, time], batches[:, coalition, time] = every[0], every[1:]
         job.tell("drift", (coalition + 1) / many)
     return areas, batches
 

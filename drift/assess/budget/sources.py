@@ -80,7 +80,7 @@ SOURCES = (
         "side",
         "side of the wind",
         "the object drifts midway between the right and the left of the wind, and does not jibe",
-        "ask how it lies to the wind; if no one knows, search on both sides",
+        "ask how it lies to the wind; if that is unknown, search on both sides",
     ),
     Source(
         "diffusion",

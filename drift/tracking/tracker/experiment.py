@@ -1,7 +1,7 @@
 """Many runs of a tracking case, with several trackers on common random numbers."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -50,11 +50,9 @@ def run(
         velocity.append(np.pad(there[1], ((0, fill), (0, 0)), constant_values=np.nan))
         time = np.pad(world.sweeps.time[recorded], (0, fill), constant_values=np.nan)
         regular.append((time, np.pad(world.sweeps.marked[recorded], (0, fill))))
-    errors = following.errors(found, np.stack(place), np.stack(velocity))
     times, marked = (np.stack(part) for part in zip(*regular, strict=True))
-    at_marks = Errors(
-        *(_at(values, marked) for values in (errors.position, errors.course, errors.speed))
-    )
+    errors = following.errors(found, times, np.stack(place), np.stack(velocity))
+    at_marks = Errors(*(_at(getattr(errors, one.name), marked) for one in fields(Errors)))
     curves, moments = _curves(asked, at_marks, _at(found.level, marked)), study.marks(asked)
     return Outcome(
         asked,
@@ -76,6 +74,7 @@ def _curves(asked: Study, errors: Errors, levels: Array) -> tuple[Curve, ...]:
         Curve("position error", "nmi", errors.position / NMI),
         Curve("course error", "deg", np.degrees(errors.course)),
         Curve("speed error", "kn", errors.speed / KNOT),
+        Curve(study.CARRIED, "nmi", errors.carried / NMI),
     ]
     for share in asked.areas:
         inside = np.where(np.isfinite(levels), levels < share, np.nan)

@@ -45,6 +45,8 @@ class Estimates:
     count: Array  # particles
     # share of the cloud at higher density than at the target; NaN: not requested
     level: Array
+    # (..., 7) estimate at the last detection: place, mean velocity [1/s] and time [s]
+    fix: Array
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,7 @@ def follow(
         velocity,
         found[..., 6],
         found[..., 8],
+        found[..., 12:],
     )
 
 
@@ -148,6 +151,7 @@ class Clouds:
             "estimate": np.full((many, 5), -1.0),
             "lost": np.full(many, np.nan),
             "left": np.tile([-1.0, 0.0, -follower.NEVER], (many, 1)),
+            "way": np.zeros((many, 3)),
         }
         self._tracks = {
             "track_real": tables.upload(
@@ -355,20 +359,47 @@ class Errors:
     """Errors of estimates, each (ways of following, runs, rows)."""
 
     position: Array  # [m]
+    carried: Array  # [m] of the last detection's estimate, carried forward
     course: Array  # [rad], 0 to pi
     speed: Array  # [m/s]
 
 
-def errors(found: Estimates, place: Array, velocity: Array) -> Errors:
-    """Return the errors of estimates.
+def carry_forward(fix: Array, time: Array) -> Array:
+    """Return where the estimates at last detections are, moved on at their mean velocity.
+
+    The second estimate of Borovies 2007, figure 55: apart from the cloud, whose mean stays behind
+    when its particles take any course.
+
+    Args:
+        fix: place (unit vector), velocity [1/s] and time [s] of each, (..., 7).
+        time: to which they are moved [s], (...).
+
+    Returns:
+        Unit vectors (..., 3); NaN where there was no detection.
+    """
+    place, way = fix[..., :3], fix[..., 3:6]
+    way = way - place * np.sum(place * way, axis=-1, keepdims=True)  # along the sphere
+    rate = np.linalg.norm(way, axis=-1, keepdims=True)
+    angle = rate * (time - fix[..., 6])[..., None]
+    onward = way / np.maximum(rate, 1e-300)
+    moved = place * np.cos(angle) + onward * np.sin(angle)
+    return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
+
+
+def errors(found: Estimates, time: Array, place: Array, velocity: Array) -> Errors:
+    """Return the errors of estimates; that of one carried forward only while a track is held.
 
     Args:
         found: the estimates.
+        time: of the rows [s], shape (runs, rows).
         place: of the target, unit vectors, shape (runs, rows, 3).
         velocity: of the target [1/s], shape (runs, rows, 3).
     """
     turned = np.angle(np.exp(1j * (found.course - path.course(place, velocity))))
     speed = np.linalg.norm(velocity, axis=-1) * sphere.RADIUS
-    return Errors(
-        path.arc(found.place, place) * sphere.RADIUS, np.abs(turned), np.abs(found.speed - speed)
+    position, carried = (
+        path.arc(where, place) * sphere.RADIUS
+        for where in (found.place, carry_forward(found.fix, time))
     )
+    carried = np.where(np.isfinite(position), carried, np.nan)
+    return Errors(position, carried, np.abs(turned), np.abs(found.speed - speed))

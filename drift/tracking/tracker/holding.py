@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drift.tracking.tracker import density, detections, path, study
+from drift.tracking.tracker import density, detections, following, path, study
 from drift.tracking.tracker.density import Region
 from drift.tracking.tracker.detections import Detections
 from drift.tracking.tracker.following import Clouds, Particles, World
@@ -69,6 +69,9 @@ class Held:
     # share of the cloud left by the last plots, before it was refilled; NaN: no cloud was held
     left: Array
     drawn: Array  # whether the cloud was repopulated from these plots because too little was left
+    # unit vectors (n, 3): the estimate at the last detection, moved on at its mean velocity; NaN
+    # before the first
+    carried: Array
     # area that contains each of SHARES; {} while no track is held
     areas: tuple[Mapping[float, Region], ...]
     shown: tuple[Shown, ...]
@@ -150,6 +153,7 @@ def hold(
         fields[:, 6],
         left,
         fields[:, 11] > 0,
+        following.carry_forward(fields[:, 12:], moments),
         tuple(areas),
         tuple(clouds),
         _losses(asked, found, fields[:, 9], until),

@@ -68,6 +68,7 @@ class Study:
 
 AFTER = 0.5  # [s]
 MET, HELD = "time to criteria", "track held"  # figures of a run
+CARRIED = "carried position error"  # of the last detection's estimate, carried forward
 
 
 def figures(areas: Sequence[float], criteria: bool) -> list[str]:
@@ -81,6 +82,7 @@ def figures(areas: Sequence[float], criteria: bool) -> list[str]:
     return [
         *(f"{what} error" for what in ("position", "course", "speed")),
         HELD,
+        CARRIED,
         *area_names,
         *([MET] if criteria else []),
     ]

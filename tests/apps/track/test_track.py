@@ -42,7 +42,16 @@ def test_a_track_is_written(contact: tuple[Regained, Path]) -> None:
     assert [row["time"] for row in rows] == sorted({row["time"] for row in rows})  # one a time
     assert len(rows) == len(np.unique(found.held.time))
     assert [row["detection"] for row in rows].count("yes") == 9
-    assert rows[0]["lat"] == ""  # before the first detection
+    assert rows[0]["lat"] == rows[0]["carried_lat"] == ""  # before the first detection
+    seen = [row for row in rows if row["detection"] == "yes"]
+    # at a detection it is the estimate itself, unless silence in the same second cuts that further
+    same = [(row["carried_lat"], row["carried_lon"]) == (row["lat"], row["lon"]) for row in seen]
+    assert sum(same) >= 8
+    # from the last one on it goes on at one course and speed
+    lon, lat = path.degrees(found.held.carried[-1])
+    assert (rows[-1]["carried_lat"], rows[-1]["carried_lon"]) == (f"{lat:.4f}", f"{lon:.4f}")
+    shown = json.loads((out / "summary.json").read_text(encoding="utf-8"))["track"]["shown"]
+    assert shown[-1]["carried"] == {"lat": float(lat), "lon": float(lon)}
     last = rows[-1]
     lon, lat = path.degrees(found.held.place[-1])
     assert (float(last["lat"]), float(last["lon"])) == pytest.approx(

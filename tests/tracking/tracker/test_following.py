@@ -55,7 +55,8 @@ def wrong(
 ) -> tuple[np.ndarray, following.Errors]:
     """Return (times [min], errors) of what is recorded."""
     time = scene.sweeps.time[scene.sweeps.row >= 0]
-    return time / MINUTE, following.errors(found, *target.at(time))
+    times = np.tile(time, (found.place.shape[1], 1))
+    return time / MINUTE, following.errors(found, times, *target.at(time))
 
 
 CLOSING = world(
@@ -115,6 +116,46 @@ def test_nothing_parts_naive_from_contextual_before_three_minutes_and_the_method
     both = following.follow([early], [NAIVE, CONTEXT], 300, 8)
     assert both.place.shape[2] > 100
     np.testing.assert_array_equal(both.place[0], both.place[1])
+
+
+@pytest.mark.parametrize("tracker", [NAIVE, CONTEXT])
+def test_the_last_detection_is_carried_forward_apart_from_the_cloud(tracker: Tracker) -> None:
+    """The estimate at the last detection, moved along its great circle by pyproj: to a millimetre.
+
+    Of particles that keep their course the cloud's mean goes the same way; if they act it lags.
+    """
+    target = way(30, 20, leg(200, 18, 40), leg(275, 24, 80))
+    own = path.standing(LON, LAT, 0.0, 2 * HOUR)
+    scene = world(own, target, [DETECTOR], 2 * HOUR, 300.0, detections=True)
+    found = following.follow([scene], [tracker], 400, 3)
+    recorded = scene.sweeps.row >= 0
+    time, seen = scene.sweeps.time[recorded], (scene.sweeps.outcome == DETECTED)[recorded]
+    carried = following.carry_forward(found.fix[0, 0], time)
+    errors = following.errors(found, time[None], *target.at(time))
+    lags = []
+    assert seen.sum() > 100
+    for k in range(len(time)):
+        before = np.flatnonzero(seen[: k + 1])
+        if not before.size:
+            assert np.isnan(carried[k]).all()
+            continue
+        last = before[-1]
+        east, north = found.velocity[0, 0, last]
+        lon, lat = path.degrees(found.place[0, 0, last])
+        far = math.hypot(east, north) * (time[k] - time[last])
+        to = EARTH.fwd(float(lon), float(lat), math.degrees(math.atan2(east, north)), far)
+        x, y = path.degrees(carried[k])
+        assert EARTH.inv(float(x), float(y), *to[:2])[2] < 1e-3
+        if np.isfinite(found.place[0, 0, k, 0]):
+            there = [float(v) for v in path.degrees(target.at([time[k]])[0][0])]
+            away = EARTH.inv(float(x), float(y), *there)[2]
+            assert errors.carried[0, 0, k] == pytest.approx(away, abs=1e-2)
+            lags.append(path.arc(found.place[0, 0, k], carried[k]) * sphere.RADIUS)
+    if tracker is NAIVE:
+        # means of 400 places that move on great circles which differ by the spread of the cloud
+        assert max(lags) < 0.02 * FASTEST * 15 * MINUTE
+    else:
+        assert max(lags) > 0.05 * FASTEST * 15 * MINUTE
 
 
 @pytest.mark.parametrize("method", METHODS)
