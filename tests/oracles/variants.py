@@ -26,10 +26,10 @@ from taichi.types.annotations import template
 from kernels.evidence import glimpse, observe, sweep
 from kernels.runtime import bundle, launch, runtime, tables, taichi_inside
 from kernels.runtime.dtypes import NUMPY
-from kernels.step import advance, features, velocity
+from kernels.step import advance, buoys, features, velocity
 
 # but for the parameters of a velocity of the user's own
-EVERYTHING = (1 << 18) - 1 | features.CHANGES
+EVERYTHING = (1 << 18) - 1 | features.SHARED | features.TAIL | features.CHANGES
 ROUND_THE_POLE = features.POLAR | features.LAYERS | features.MEMBERS
 USUAL = features.CURRENT | features.WIND | features.ERRORS | features.JIBE | features.RK4
 USUAL |= features.DIFFUSION | features.BIAS
@@ -60,6 +60,7 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "polar": YES_OR_NO,
     "random": YES_OR_NO,
     "squared": YES_OR_NO,
+    "tilted": YES_OR_NO,
     "velocity": (velocity.drift,),
     "watch.kind": (glimpse.HEARD, glimpse.ROUND, glimpse.PLACES),
     "observe.kind": FIELDS,
@@ -105,6 +106,8 @@ def arguments(kernel: Any, chosen: dict[str, Any]) -> list[Any]:
     whole = {"width": bundle.width(), **chosen}
     if "features" in chosen:
         whole["held_of"] = bundle.held(**advance._rows(chosen["features"]))
+    else:
+        whole["held_of"] = buoys._registers(2, 8)
     each = [
         whole[own.name] if isinstance(own.annotation, template) else zero(own.annotation)
         for own in kernel._primal.arguments
