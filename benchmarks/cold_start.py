@@ -52,8 +52,7 @@ def main() -> None:
     """Run twice and print the phases."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("case", nargs="?", default="overdue_boat")
-    options.add_argument("--json", type=Path)
-    given = smallest.parse(options, case=str(smallest.CASE))
+    given = smallest.parse(options, saves=True, case=str(smallest.CASE))
     with tempfile.TemporaryDirectory() as folder:
         runs = [timed(given.case, Path(folder), k) for k in range(2)]
     table = Table(title=f"{given.case}: seconds by phase")
@@ -62,8 +61,7 @@ def main() -> None:
     for phase in runs[0]:
         table.add_row(phase, *(f"{run[phase]:.2f}" for run in runs))
     Console().print(table)
-    if given.json:
-        given.json.write_text(json.dumps(runs, indent=1))
+    smallest.save(given, {"case": given.case, "empty_caches": runs[0], "full_caches": runs[1]})
 
 
 if __name__ == "__main__":

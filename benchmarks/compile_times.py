@@ -10,14 +10,12 @@ left out.
 """
 
 import argparse
-import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -340,9 +338,8 @@ def main() -> None:
     options.add_argument("--runs", type=int, default=1)
     options.add_argument("--only", default="")
     options.add_argument("--backend", default="cpu")
-    options.add_argument("--json", type=Path)
     options.add_argument("--child", help=argparse.SUPPRESS)
-    given = smallest.parse(options, only=SMALLEST)
+    given = smallest.parse(options, saves=True, only=SMALLEST)
     if given.child:
         print(*timed(given.child, given.backend))
         return
@@ -362,8 +359,7 @@ def main() -> None:
         if seconds[1] >= SHOWN or given.only:
             table.add_row(name, *(f"{s:.2f}" for s in seconds))
     Console(width=100).print(table)
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=1))
+    smallest.save(given, {"backend": given.backend, "seconds": found})
 
 
 if __name__ == "__main__":

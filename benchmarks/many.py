@@ -1,7 +1,7 @@
 """How many small forecasts a second does one process make? In a loop of runs, and by
 drift.run_many; and what does a map cost?
 
-    python benchmarks/many.py [--forecasts 40] [--particles 4000] [--case CASE]
+    python benchmarks/many.py [--forecasts 40] [--particles 4000] [--case CASE] [--json FILE]
 
 Without CASE: 24 h of a raft in a made-up 3-hourly current and wind on regular grids off Norway,
 with errors and diffusion, in the open sea without a coast and along the Norwegian one. Forecasts
@@ -43,6 +43,7 @@ object = "LIFE-RAFT-DB-11"
 position = {{ at = [{lon}, {lat}], error = "1 nmi" }}
 """
 PLACES = {"open sea, no coast": (1.0, 61.0, "none"), "Norwegian coast": (4.55, 60.9, "gshhg")}
+MAPS: dict[str, Any] = {"no map": False, "one map": "last", "all maps": True}
 PHASES = (
     (run_setup, "open_for"),
     (run_setup, "prepare"),
@@ -112,8 +113,8 @@ def _measured(inner: Callable[..., Any], name: str, spent: dict[str, float]) -> 
     return measured
 
 
-def told(title: str, made: Iterable[Any], count: int, spent: dict[str, float]) -> None:
-    """Print how fast forecasts come, and what of it is spent where."""
+def told(title: str, made: Iterable[Any], count: int, spent: dict[str, float]) -> dict[str, float]:
+    """Print and return how fast forecasts come, and print what of it is spent where."""
     spent.clear()
     clocks = time.perf_counter, time.thread_time, time.process_time
     begun = [clock() for clock in clocks]
@@ -123,6 +124,7 @@ def told(title: str, made: Iterable[Any], count: int, spent: dict[str, float]) -
     print(
         f"{title:46} {count / wall:6.1f} a second  own {1000 * own / count:6.1f} all {1000 * total / count:6.1f} ms   {parts}  {refused[:1] or ''}"
     )
+    return {"a_second": round(count / wall, 2), "processor_ms": round(1000 * total / count, 1)}
 
 
 def main() -> None:
@@ -131,8 +133,9 @@ def main() -> None:
     options.add_argument("--forecasts", type=int, default=40)
     options.add_argument("--particles", type=int, default=4000)
     options.add_argument("--case", type=Path)
-    given = smallest.parse(options, forecasts=2, particles=200)
+    given = smallest.parse(options, saves=True, forecasts=2, particles=200)
     spent: dict[str, float] = {}
+    found = {}
     timed(spent)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -154,14 +157,13 @@ def main() -> None:
             few = max(given.forecasts // 8, 1)
             drift.run(some[0])  # compiles
             list(drift.run_many(some[:1], maps="last"))
-            told(f"{place}: drift.run in a loop", map(drift.run, some[:few]), few, spent)
-            for title, maps in (("no map", False), ("one map", "last"), ("all maps", True)):
-                told(
-                    f"{place}: run_many, {title}",
-                    drift.run_many(some, maps=maps),
-                    given.forecasts,
-                    spent,
-                )  # type: ignore[arg-type]
+            title = f"{place}: drift.run in a loop"
+            found[title] = told(title, map(drift.run, some[:few]), few, spent)
+            for kind, maps in MAPS.items():
+                title = f"{place}: run_many, {kind}"
+                made = drift.run_many(some, maps=maps)
+                found[title] = told(title, made, given.forecasts, spent)
+    smallest.save(given, {"particles": given.particles, "forecasts": found})
 
 
 if __name__ == "__main__":

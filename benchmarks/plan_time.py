@@ -1,7 +1,7 @@
 """Wall time of a plan for four units, 10^6 particles and 12 h, by phase; and what ten minutes would
 find.
 
-    python benchmarks/plan_time.py [--particles 1e6] [--minutes 10] [--threads N]
+    python benchmarks/plan_time.py [--particles 1e6] [--minutes 10] [--threads N] [--json FILE]
 
 The first part runs `drift plan` in a process of its own. The second plans again and again on the
 same tracks with other seeds for as long as asked, and compares the best of these plans with the
@@ -84,7 +84,7 @@ def main() -> None:
     options.add_argument("--particles", type=float, default=1e6)
     options.add_argument("--minutes", type=float, default=10)
     options.add_argument("--threads", type=int)
-    given = smallest.parse(options, particles=1000, minutes=1e-3)
+    given = smallest.parse(options, saves=True, particles=1000, minutes=1e-3)
     show = Console(width=120)
     with tempfile.TemporaryDirectory() as folder:
         path, out = Path(folder) / "four_units.toml", Path(folder) / "out"
@@ -119,6 +119,9 @@ def main() -> None:
         show.print(table)
         show.print(
             f"POS {plan['pos']:.4f}, optimism {plan['optimism']:.4f}, bound {plan['bound'] or math.nan:.4f}"
+        )
+        smallest.save(
+            given, {"particles": int(given.particles), "wall_s": wall, "phases_s": phases}
         )
         if given.minutes <= 0:
             return

@@ -6,11 +6,13 @@ with one line: see `lack`. tests/benchmarks/test_smallest.py runs all of them so
 """
 
 import argparse
+import json
 import os
+import platform
 import sys
 from importlib import util
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 WORD = "--smallest"
 # a case for it, which needs no data
@@ -18,16 +20,39 @@ CASE = Path(__file__).parents[1] / "docs" / "generate" / "small.toml"
 ASKED = WORD in sys.argv[1:]
 
 
-def parse(parser: argparse.ArgumentParser, **numbers: object) -> argparse.Namespace:
-    """Return what the command line asks for; numbers: what is taken in the smallest mode where it
-    does not say.
+def parse(
+    parser: argparse.ArgumentParser, saves: bool = False, **numbers: object
+) -> argparse.Namespace:
+    """Return what the command line asks for.
+
+    Args:
+        parser: of the benchmark's own options.
+        saves: whether it takes --json FILE, for `save`.
+        numbers: what is taken in the smallest mode where the command line does not say.
     """
+    if saves:
+        parser.add_argument("--json", type=Path, help="file that receives the figures")
     parser.add_argument(
         WORD, action="store_true", help="small numbers, and seconds: does it still run?"
     )
     if ASKED:
         parser.set_defaults(**numbers)
     return parser.parse_args()
+
+
+def save(given: argparse.Namespace, measured: dict[str, Any]) -> None:
+    """Write figures, and what machine they are from, where --json asks for it."""
+    if given.json:
+        held = {"machine": _processor(), "cores": os.cpu_count(), **measured}
+        given.json.write_text(json.dumps(held, indent=1) + "\n", encoding="utf-8")
+
+
+def _processor() -> str:
+    """Return the name of the processor."""
+    listed = Path("/proc/cpuinfo")
+    lines = listed.read_text(encoding="utf-8").splitlines() if listed.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()
 
 
 def lack(what: str) -> NoReturn:

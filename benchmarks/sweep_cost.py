@@ -1,7 +1,7 @@
 """What a sortie costs: time per particle and leg, by law, for particles that drift amid a parallel
 sweep.
 
-    python benchmarks/sweep_cost.py [--particles 1e6] [--threads N]
+    python benchmarks/sweep_cost.py [--particles 1e6] [--threads N] [--json FILE]
 
 A leg is a straight one, cross legs counted. The best of several runs counts; nothing else should
 run meanwhile.
@@ -35,7 +35,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--particles", type=float, default=1e6)
     options.add_argument("--threads", type=int)
-    given = smallest.parse(options, particles=1000)
+    given = smallest.parse(options, saves=True, particles=1000)
     runtime.start("cpu", given.threads)
     n = int(given.particles)
     pattern = patterns.parallel((4.0, 58.0), 24 * NMI, 20 * NMI, 0.6, NMI, 0.0, 150 * NMI / HOUR)
@@ -63,6 +63,7 @@ def main() -> None:
         "area": (sweep.INSIDE, place, ring, np.ones(1), 1),
     }
     after = ensemble.lon, ensemble.lat
+    cost = {}
     paths = pieces.straight(ensemble, ensemble.batch([0]), tuple(before), after, 0, span)
     table = Table(
         "exposure", "legs", "pieces", "ms", "ns per particle and leg", title=f"{n:,} particles"
@@ -75,12 +76,13 @@ def main() -> None:
             sweep.expose(ensemble, paths, kind, way, numbers, scale, exposure)
             runtime.wait()
             best = min(best, time.perf_counter() - begin)
+        cost[name] = round(1e9 * best / n / count, 2)
         table.add_row(
             name,
             str(count),
             str(len(way.time) - 1),
             f"{1e3 * best:.0f}",
-            f"{1e9 * best / n / count:.2f}",
+            f"{cost[name]:.2f}",
         )
     weight = runtime.empty(n)
     for factors in (1, laws.NODES):
@@ -95,6 +97,7 @@ def main() -> None:
             best = min(best, time.perf_counter() - begin)
         table.add_row(f"weights, {factors} factors of W", "", "", f"{1e3 * best:.0f}", "")
     Console(width=110).print(table)
+    smallest.save(given, {"particles": n, "ns_per_particle_and_leg": cost})
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ several runs counts; nothing else should run meanwhile.
 """
 
 import argparse
-import json
 import re
 import subprocess
 import tempfile
@@ -208,12 +207,11 @@ def opendrift(python: str, folder: Path, n: int = 100_000, hours: int = 6) -> st
 def main() -> None:
     """Measure, print the table, and write JSON where asked."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--json", type=Path)
     options.add_argument("--most", type=float, default=1e7)
     options.add_argument("--yardsticks", type=Path)
     options.add_argument("--opendrift")
     options.add_argument("--backend", default="cpu")
-    given = smallest.parse(options, most=1e4)
+    given = smallest.parse(options, saves=True, most=1e4)
     runtime.start(given.backend)
     before = yardstick(given.yardsticks, 10**6) if given.yardsticks else None
     rows = measure(int(given.most))
@@ -241,8 +239,7 @@ def main() -> None:
         console.print(f"OpenDrift Leeway: {peer}")
         match = re.search(r"([\d.]+) ns per", peer or "")
         result["opendrift_ns"] = float(match[1]) if match else None
-    if given.json:
-        given.json.write_text(json.dumps(result, indent=1))
+    smallest.save(given, result)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import searches
+from generate import figures
 from places import ROOT
 from pydantic import BaseModel
 
@@ -264,6 +265,13 @@ def test_every_figure_names_a_command(page: str) -> None:
             assert re.search(r"`(pytest|python|drift) ", last), line
     named = re.findall(r"tests/[\w/.]+", "\n".join(found))
     assert {name for name in named if not (ROOT / name).exists()} == set()
+
+
+def test_the_speeds_are_those_that_the_benchmarks_wrote() -> None:
+    """To mend it: python docs/generate/figures.py."""
+    assert figures.page() == figures.PAGE.read_text(encoding="utf-8")
+    held = {path.stem for path in (ROOT / "benchmarks" / "figures").iterdir()}
+    assert held == set(figures.FILES)
 
 
 def test_the_readme_is_short() -> None:
