@@ -57,7 +57,9 @@ fastest = "32 kn"
     assert "found again since" not in said
     assert (tmp_path / "out" / "track.png").exists()
     found = drift.track(tmp_path / "c.toml")
-    assert files.summary_of_track(found)["shown"][-1] == {
+    last = files.summary_of_track(found)["shown"][-1]
+    assert last.pop("carried").keys() == {"lat", "lon"}
+    assert last == {
         "time": "2026-03-05T03:00:00Z", "held": False, "others_holding": 0,
     }  # fmt: skip
     assert files.summary_of_track(found)["lost"] == [

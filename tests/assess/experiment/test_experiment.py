@@ -208,7 +208,7 @@ def test_the_command_writes_the_same_bits_with_one_thread_and_two(
     rows = list(
         csv.DictReader((tmp_path / "1" / "experiment.csv").read_text(encoding="utf-8").splitlines())
     )
-    assert len(rows) == 10 * 4
+    assert len(rows) == 10 * 5
     assert {row["published"] for row in rows if row["way"] == "naive, combined"} == {
         "7.52",
         "116.3",
