@@ -59,7 +59,8 @@ def _source_in_words(found: Budget, source: int, time: int) -> str:
         for estimate in (found.share, found.without, found.alone)
     )
     changes = ", ".join(change_in_words(float(value)) for value in without[0])
-    sizes = ", ".join(f"{value / NMI**2:,.3g}" for value in alone[0])
+    # to a hundredth: with a source that spreads nothing alone the area is rounding
+    sizes = ", ".join(f"{round(value / NMI**2, 2):,.3g}" for value in alone[0])
     return f"{_listed(*share)}; without it {changes}; alone {sizes} nmi2"
 
 
