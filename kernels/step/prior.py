@@ -504,6 +504,7 @@ def draw_lost(
     points: Ints,
     steps: Reals,
     times: Ints,
+    parts: Reals,
     scatter: ti.f32,
     coast: Coast,
 ):
@@ -513,7 +514,8 @@ def draw_lost(
     [s]: by how much the ship's is fast in a world; ends: sums of the shares of the losses.
 
     points [binary angle] and steps [m] (east, north): starts and vectors of the track's pieces;
-    times [s after start], by the ship's clock: of their starts and of the last end.
+    times [s after start], by the ship's clock: of their starts and of the last end, whole seconds,
+    to which `parts` [s] are added.
     """
     for i in range(first, last):
         k = (i - first) // per_world
@@ -539,8 +541,12 @@ def draw_lost(
                 else:
                     high = middle - 1
             past = ti.cast(shown - times[low], ti.f32) + (clock[k] - ti.cast(whole, ti.f32))
-            share = past / ti.cast(times[low + 1] - times[low], ti.f32)
-            share = ti.min(ti.max(share, 0.0), 1.0)
+            lasts = ti.cast(times[low + 1] - times[low], ti.f32) + (parts[low + 1] - parts[low])
+            share = (past - parts[low]) / lasts
+            if low == 0:  # before the track begins
+                share = ti.max(share, 0.0)
+            if low == times.shape[0] - 2:  # after it has ended
+                share = ti.min(share, 1.0)
             x, y = sphere.exponential(
                 points[2 * low],
                 points[2 * low + 1],

@@ -180,6 +180,7 @@ def _track(prior: TrackPrior, worlds: Worlds, period: Period) -> tuple[Any, ...]
     assert worlds.clock is not None
     lon, lat, east, north, time = track_pieces(prior)
     shares = np.cumsum([loss.share for loss in prior.losses])
+    whole = np.floor(time - period.epoch)
     values = (
         (worlds.loss_begin - period.epoch).astype(np.int32).ravel(),
         worlds.loss_length.astype(np.float32).ravel(),
@@ -187,7 +188,8 @@ def _track(prior: TrackPrior, worlds: Worlds, period: Period) -> tuple[Any, ...]
         (shares / shares[-1]).astype(np.float32),
         sphere.to_binary(np.degrees(np.stack([lon, lat], axis=1))).ravel(),
         np.stack([east, north], axis=1).astype(np.float32).ravel(),
-        np.rint(time - period.epoch).astype(np.int32),
+        whole.astype(np.int32),
+        (time - period.epoch - whole).astype(np.float32),
     )
     return tuple(runtime.upload(value) for value in values)
 
