@@ -32,9 +32,8 @@ objects = [40, 43]
 worlds = 150
 per_world = 70
 redraws = {redraws}
-position = {{ at = [-0.15, 0.03], std = "6 km", until = "+3 h" }}
+{release}
 release_std = "1 km"
-release_duration = "2 h"
 destroyed = 0.1
 windage_bias = 0.2
 current_bias = "0.05 m/s"
@@ -56,6 +55,11 @@ name = "buoy"
 object = "water"
 {more}
 """
+POSITION = """position = { at = [-0.15, 0.03], std = "6 km", until = "+3 h" }
+release_duration = "2 h\""""
+TRACK = """clock_error = "9 min"
+track = [{ at = [-0.2, -0.14], time = "+0 h" }, { at = [-0.15, 0.05], time = "+3 h" }, { at = [-0.11, 0.2], time = "+7 h" }]
+loss = [{ begin = ["+30 min", "+3 h"], length = ["20 min", "2 h"], share = 0.7 }, { begin = "+4 h", length = "1 h", share = 0.3 }]"""
 REFLOAT = '"refloat", half_life = "6 h"'
 CURRENT = 'constant = { speed = "0.25 m/s", toward = 85 }'
 MEMBERS = """members = [{ constant = { speed = "0.2 m/s", toward = 80 } }, { constant = { speed = "0.3 m/s", toward = 95 } },
@@ -92,7 +96,8 @@ first = "+38 h"
 
 def case_of(folder: Path, more: str = FINDS, **changes: object) -> drift.Case:
     folder.mkdir(exist_ok=True)
-    values = {"behaviour": REFLOAT, "current": CURRENT, "redraws": 1, **changes}
+    values = {"behaviour": REFLOAT, "current": CURRENT, "redraws": 1, "release": POSITION}
+    values |= changes
     (folder / "land.geojson").write_text(spills.SHORE)
     (folder / "case.toml").write_text(CASE.format(more=more, **values))
     return drift.load(folder / "case.toml")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import same_files
-from spill_shards import BLOCKS, CURRENT, FINDS, MEMBERS, REFLOAT, case_of, same
+from spill_shards import BLOCKS, CURRENT, FINDS, MEMBERS, REFLOAT, TRACK, case_of, same
 
 import drift
 from drift.apps.cli import commands
@@ -93,6 +93,16 @@ def moved(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 @pytest.mark.parametrize("many", [pytest.param(2, marks=pytest.mark.thorough), 5])
 def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result, many: int) -> None:
     same(drift.run(case, shards=many), made)
+
+
+@pytest.mark.thorough
+def test_objects_lost_along_a_track_are_the_same_in_shards(tmp_path: Path) -> None:
+    """Also where the finds ask for new worlds."""
+    tracked = case_of(tmp_path, release=TRACK)
+    whole = drift.run(tracked)
+    assert whole.aftermath is not None
+    assert len(whole.aftermath.rounds) == 2
+    same(drift.run(tracked, shards=3), whole)
 
 
 @pytest.mark.thorough
