@@ -164,7 +164,7 @@ class FormRoutes:
 
 
 async def _silent(work: Awaitable[Any]) -> None:
-    """Wait for a request whose answer nobody needs."""
+    """Wait for a request whose answer is no longer needed."""
     try:
         await work
     except (UserError, Overtaken):
@@ -179,7 +179,7 @@ def _answered(handler: Any) -> Any:
             return JSONResponse(await handler(request.scope["body"]))
         except Invalid as invalid:
             return JSONResponse({"error": str(invalid)}, invalid.status)
-        except asyncio.CancelledError:  # the server ends, and waits for nobody
+        except asyncio.CancelledError:  # the server ends without waiting for it
             return JSONResponse({"error": "the server ends"}, 503)
         except Overtaken as overtaken:
             return JSONResponse({"error": str(overtaken)}, 409)

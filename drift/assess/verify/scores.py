@@ -89,7 +89,7 @@ def energy_score(x: Array, y: Array, weight: Array) -> float:
     It is the mean distance of a particle from the drifter, less half the mean distance between two
     particles (Gneiting and Raftery 2007, eq. 22, with exponent 1). A forecast of a single position
     scores its distance from the drifter. The second mean is over pairs of each particle with PAIRS
-    others, chosen at random but always alike. Its error is below that of the first mean if the
+    others, chosen by a fixed seed. Its error is below that of the first mean if the
     weights are about equal, as those of a forecast are.
 
     Args:

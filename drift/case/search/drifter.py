@@ -196,18 +196,22 @@ def check_near(buoys: Sequence[BuoyTrack], scenarios: Sequence[Scenario], length
 
 
 def check_wind(buoys: Sequence[BuoyTrack], scenarios: Sequence[Scenario]) -> None:
-    """Reject a buoy with windage where a scenario has no wind; its wind is the scenario's.
+    """Reject a buoy with windage where a scenario's object feels no wind, which is then not read.
 
     Raises:
         UserError: one line for each such buoy.
     """
-    still = [scenario.name for scenario in scenarios if not scenario.sources.get("wind")]
+    still = [
+        scenario.name
+        for scenario in scenarios
+        if not (scenario.uses_wind and scenario.sources.get("wind"))
+    ]
     blown = [buoy for buoy in buoys if buoy.windage > 0]
     if still and blown:
         raise UserError(
             *(
-                f'drifter "{buoy.name}": windage is {notation.percent(buoy.windage)}, but scenario "{still[0]}" has no wind; '
-                "add a [[wind]] that its object feels, or give windage = 0"
+                f'drifter "{buoy.name}": windage is {notation.percent(buoy.windage)}, but scenario "{still[0]}" has no wind that its '
+                "object feels; add one, or give windage = 0"
                 for buoy in blown
             )
         )

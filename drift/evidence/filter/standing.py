@@ -25,7 +25,7 @@ class SearchStatus:
 
     time: np.datetime64
     # [s after start] mean of each bin, (S, B); of objects whose state changes, the bins for each of
-    # the survival times that count from it, one after the other
+    # the survival times that start at it, one after the other
     release: Array
     mass: Array  # probability, (S, B); adds up to 1
     # probability of never having been in a searched area, given each scenario, then of all; (S +

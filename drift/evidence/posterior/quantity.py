@@ -44,5 +44,5 @@ class Quantity:
     labels: Callable[[EnsembleSpec], tuple[str, ...]] | None = None
     # whether each scenario has one value, so that rows of single scenarios are not reported
     by_scenario: bool = False
-    # whether particles that begin alike may come to differ in it
+    # whether particles with equal values may differ later
     later: bool = False

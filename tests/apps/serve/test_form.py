@@ -16,7 +16,7 @@ TEXT = """\
 title = "Overdue" # as called in
 start = "281130ZNOV26"
 duration = "24 h"
-strange = { kept = true } # nobody knows this key
+strange = { kept = true } # an unknown key
 
 [output]
 every = "3 h" # outputs

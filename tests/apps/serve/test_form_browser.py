@@ -1,4 +1,4 @@
-"""The story of a first map in a real browser: a kayaker is overdue, and nobody writes TOML."""
+"""The story of a first map in a real browser: a kayaker is overdue; no TOML is written by hand."""
 
 import re
 import tomllib
@@ -27,7 +27,7 @@ def served(tmp_path: Path) -> Iterator[Server]:
 def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
     """Position typed and clicked, time, object, wind and current typed; a first map, then the run.
 
-    The text has what was typed, the browser complains of nothing, and asks nobody outside.
+    The text has what was typed, the browser complains of nothing, and sends no request outside.
     """
     from axe_playwright_python.sync_playwright import Axe
 
