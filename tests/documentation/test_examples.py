@@ -19,6 +19,7 @@ import drift
 from drift.apps.cli import grammar
 from drift.apps.fetch import catalogue
 from drift.case import schema
+from drift.case.scenario import catalogue as object_catalogue
 from drift.case.scenario import itinerary, network
 from drift.case.tracking import bridge, tracking
 from geo.errors import UserError
@@ -42,6 +43,7 @@ FILES: tuple[type[BaseModel], ...] = (
     network.NetworkTable,
     bridge.BridgeTable,
     tracking.TrackingTable,
+    object_catalogue.CatalogueTable,
 )
 
 
