@@ -4,6 +4,7 @@ examples are TOML.
 
 import re
 import tomllib
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -296,6 +297,30 @@ def test_benchmarks_that_are_named_are_there(page: str) -> None:
     """A page that cites a benchmark cites one that can be run."""
     named = set(re.findall(r"benchmarks/(\w+\.\w+)", (ROOT / page).read_text(encoding="utf-8")))
     assert {name for name in named if not (ROOT / "benchmarks" / name).exists()} == set()
+
+
+def _anchors(page: Path) -> set[str]:
+    """The names under which the site has the headings of a page."""
+    text = re.sub(r"(?ms)^```.*?^```", "", page.read_text(encoding="utf-8"))
+    headings = (
+        re.sub(r"\[(.*?)\]\(.*?\)", r"\1", line) for line in re.findall(r"(?m)^#+ (.*)$", text)
+    )
+    return {re.sub(r"[^\w\- ]", "", line.lower()).replace(" ", "-") for line in headings}
+
+
+def test_links_lead_to_headings() -> None:
+    """A heading that is renamed takes the links to it along."""
+    pages = {path.resolve() for path in [ROOT / "README.md", *DOCS.rglob("*.md")]}
+    links = [
+        (page, (page.parent / target).resolve() if target else page, heading)
+        for page in pages
+        for target, heading in re.findall(
+            r"\]\(([^)#\s:]*)#([^)\s]+)\)", page.read_text(encoding="utf-8")
+        )
+    ]
+    lost = [link for link in links if link[1] in pages and link[2] not in _anchors(link[1])]
+    assert len(links) > 100
+    assert lost == []
 
 
 def test_faults_of_the_mutants_stand_where_they_say() -> None:
