@@ -26,7 +26,7 @@ def given(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> st
 @pytest.mark.usefixtures("coarse_maps")
 @pytest.mark.parametrize(
     "given",
-    [pytest.param(name, marks=[pytest.mark.thorough] * (name == "pacsearch")) for name in NAMES],
+    [pytest.param(name, marks=[pytest.mark.thorough] * (name in ("pacsearch", "zoe_containers"))) for name in NAMES],
     indirect=True,
 )
 def test_case_runs(given: str) -> None:
