@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from drift.engine.motion import drift as model
-from drift.engine.motion.leeway import Drifter, Line
+from drift.engine.motion.models import drift as model
+from drift.engine.motion.objects.leeway import Drifter, Line
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """A motion model from a user-defined function of current, wind and waves.
 
-It is the drift model (drift.engine.motion.drift) with the function in place of leeway. Forcing
+It is the drift model (drift.engine.motion.models.drift) with the function in place of leeway. Forcing
 errors, random walk and coast are unchanged. The function's parameters are stored in the columns of
 the leeway lines.
 """
@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from drift.engine.motion import drift
-from drift.engine.motion.forcing_error import Errors
-from drift.engine.motion.model import Group, Key, Model, Waters
-from drift.engine.motion.own_motion import MOST, OwnMotion
+from drift.engine.motion.errors.forcing_error import Errors
+from drift.engine.motion.models import drift
+from drift.engine.motion.models.model import Group, Key, Model, Waters
+from drift.engine.motion.models.own_motion import MOST, OwnMotion
 from drift.engine.motion.scenario import Scenario
 from drift.engine.particles.ensemble import Ensemble, Slots
 from geo.array import Array

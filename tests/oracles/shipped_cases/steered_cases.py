@@ -1,4 +1,4 @@
-"""Shipped cases of targets that steer, drawn in plain float64 by tests/oracles/passages.py."""
+"""Shipped cases of targets that steer, drawn in plain float64 by tests/oracles/second_opinions/passages.py."""
 
 import itertools
 import re

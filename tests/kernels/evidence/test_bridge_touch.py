@@ -5,7 +5,7 @@ import pytest
 import taichi as ti
 from scipy import stats
 
-from kernels.evidence import touch
+from kernels.evidence import bridge_touch as touch
 from kernels.step.coast import Reals
 
 RNG = np.random.default_rng(23)

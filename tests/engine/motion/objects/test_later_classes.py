@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drift.engine.motion import leeway
+from drift.engine.motion.objects import leeway
 
 # Brushett et al. 2014, abstract: leeway speed in % of the wind
 PUBLISHED = {"PANGA-LIGHT": 7.71, "PANGA-FULL": 4.40, "OUTRIGGER-CANOE": 2.40, "PWC": 4.24}

@@ -16,7 +16,7 @@ from functools import lru_cache
 from importlib import resources
 from typing import Any, Literal
 
-from drift.engine.motion import everyday
+from drift.engine.motion.objects import everyday
 from geo.errors import UserError
 
 AIR_IN_WATER = 0.0346  # sqrt(1.225 kg/m3 / 1025 kg/m3)
@@ -205,7 +205,7 @@ class Catalogue:
         word.
 
         Case is ignored. Everyday words, such as yacht, match the classes they cover:
-        drift.engine.motion.everyday.
+        drift.engine.motion.objects.everyday.
         """
         return _matching(words, self.classes)
 

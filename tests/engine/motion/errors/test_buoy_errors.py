@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from buoys import conditioned
 
-from drift.engine.motion import buoy_errors
-from drift.engine.motion.buoy_errors import Fixes, Law
+from drift.engine.motion.errors import buoy_errors
+from drift.engine.motion.errors.buoy_errors import Fixes, Law
 
 LAW = Law(0.31, 11 * 3600.0, 12_500.0, 0.08, 2.0, 7 * 3600.0, 1e5, 0.5)
 EDGES = np.arange(0.0, 12 * 3600 + 1, 1800.0)

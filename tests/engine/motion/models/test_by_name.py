@@ -7,10 +7,10 @@ import pytest
 
 from drift.engine.motion import simulate
 from drift.engine.motion.clock import Clock
-from drift.engine.motion.drift import COLUMNS, DRIFT
 from drift.engine.motion.forcing import Forcing, Sources
-from drift.engine.motion.model import Group, Model, Motion
-from drift.engine.motion.models import MODELS
+from drift.engine.motion.models.by_name import MODELS
+from drift.engine.motion.models.drift import COLUMNS, DRIFT
+from drift.engine.motion.models.model import Group, Model, Motion
 from drift.engine.motion.scene import Scene
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.ensemble import Column, Ensemble

@@ -3,7 +3,7 @@
 import pytest
 
 from drift.apps.cli import commands
-from drift.engine.motion import everyday, leeway
+from drift.engine.motion.objects import everyday, leeway
 from drift.evidence.filter.detection import sweep_width
 
 NAMES = tuple(leeway.classes())

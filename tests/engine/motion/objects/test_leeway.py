@@ -7,9 +7,9 @@ import pytest
 from places import DATA
 from scipy import stats
 
-from drift.engine.motion import drift as drift_model
-from drift.engine.motion import leeway
-from drift.engine.motion.drift import COLUMNS
+from drift.engine.motion.models import drift as drift_model
+from drift.engine.motion.models.drift import COLUMNS
+from drift.engine.motion.objects import leeway
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.ensemble import Slots
 from geo import sphere

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.engine.motion import buoy_errors
-from drift.engine.motion.buoy_errors import Conditioned, Law, Sight
 from drift.engine.motion.clock import Clock
+from drift.engine.motion.errors import buoy_errors
+from drift.engine.motion.errors.buoy_errors import Conditioned, Law, Sight
 from drift.engine.particles.ensemble import Column, Device, Ensemble
 from geo import sphere
 from geo.array import Array

@@ -31,7 +31,9 @@ class ForcingError:
     bias: float = 0.0
     # sources of std, time and bias, or why there is none
     by: tuple[str, str, str] = (CASE, CASE, CASE)
-    length: float = 12_500.0  # [m] over which it is correlated: drift.engine.motion.buoy_errors
+    length: float = (
+        12_500.0  # [m] over which it is correlated: drift.engine.motion.errors.buoy_errors
+    )
     # degrees of freedom of Student's law, at least 3; inf: a normal law. Of the current only
     tail: float = math.inf
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable
 
-from drift.engine.motion import changes, own_model
-from drift.engine.motion.drift import DRIFT
-from drift.engine.motion.forcing_error import Errors
-from drift.engine.motion.model import Model, Motion
-from drift.engine.motion.own_motion import OwnMotion
+from drift.engine.motion import changes
+from drift.engine.motion.errors.forcing_error import Errors
+from drift.engine.motion.models import own_model
+from drift.engine.motion.models.drift import DRIFT
+from drift.engine.motion.models.model import Model, Motion
+from drift.engine.motion.models.own_motion import OwnMotion
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import Scenario
 from drift.engine.motion.steering import steer

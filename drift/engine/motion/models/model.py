@@ -1,8 +1,8 @@
 """Motion models: the extra particle columns of each and the functions that move particles.
 
 A model is a record of functions. To add one, write a file in this package, a kernel in `kernels/`,
-and a line in drift.engine.motion.models. For a velocity by current, wind and waves a file in
-`kernels/drift_models/` suffices (drift.engine.motion.own_model). Each scenario uses one model.
+and a line in drift.engine.motion.models.by_name. For a velocity by current, wind and waves a file in
+`kernels/drift_models/` suffices (drift.engine.motion.models.own_model). Each scenario uses one model.
 Scenarios with the same model and the same forcing form a group, which is moved by one kernel launch
 per step.
 """
@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from drift.engine.motion.forcing_error import Errors
+from drift.engine.motion.errors.forcing_error import Errors
 from drift.engine.motion.scenario import Scenario
 from drift.engine.particles.ensemble import Column, Ensemble, Slots
 from kernels.runtime.batch import Batch

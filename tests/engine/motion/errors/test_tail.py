@@ -8,8 +8,8 @@ import pytest
 from scipy import stats
 
 import drift
-from drift.engine.motion import forcing_error
-from drift.engine.motion.forcing_error import ForcingError
+from drift.engine.motion.errors import forcing_error
+from drift.engine.motion.errors.forcing_error import ForcingError
 from drift.pipeline import run_setup
 from geo import sphere
 from geo.errors import UserError

@@ -3,7 +3,7 @@ guided.
 
 Nothing of drift, geo or kernels is used. The flow is uniform in space and linear in time between
 rows; errors of current and wind are Ornstein-Uhlenbeck processes that both of a pair share, moved
-by their exact integrals (tests.oracles.oracle). Debris has plain windage. Pairs whose debris would
+by their exact integrals (oracle.py). Debris has plain windage. Pairs whose debris would
 never come near the find if there were no coast are dropped before a coast is asked: at no end of a
 step, since debris that passed the find may have stranded beside it.
 """
@@ -12,9 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-
-from tests.oracles import oracle
-from tests.oracles.oracle import DEG, JIBES, Array, Coast, R
+import oracle
+from oracle import DEG, JIBES, Array, Coast, R
 
 BEYOND = 6.0  # standard deviations of a find; the program's normal ends there
 

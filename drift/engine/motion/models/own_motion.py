@@ -2,7 +2,7 @@
 
 The file defines a function `velocity` of `current`, `wind`, `waves` and `parameters`, and may name
 its parameters in a tuple PARAMETERS; docs/howto/model.md has an example.
-drift.engine.motion.own_model turns it into a model.
+drift.engine.motion.models.own_model turns it into a model.
 """
 
 import ast

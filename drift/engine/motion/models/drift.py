@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from drift.engine.motion import changes
-from drift.engine.motion.forcing_error import Errors, ForcingError
-from drift.engine.motion.leeway import Drifter
-from drift.engine.motion.model import Group, Key, Model, Waters
+from drift.engine.motion.errors.forcing_error import Errors, ForcingError
+from drift.engine.motion.models.model import Group, Key, Model, Waters
+from drift.engine.motion.objects.leeway import Drifter
 from drift.engine.motion.scenario import Scenario
 from drift.engine.particles.ensemble import Column, Ensemble, Slots
 from kernels.runtime import rows

@@ -11,12 +11,13 @@ from scipy import integrate, optimize
 
 import drift
 from drift.case import case_digest
-from drift.engine.motion import models, own_motion
+from drift.engine.motion.models import by_name as models
+from drift.engine.motion.models import own_motion
 from drift.engine.motion.scenario import PositionPrior
 from geo.errors import UserError
 from geo.files import fence
 
-PAGE = Path(__file__).parents[3] / "docs" / "howto" / "model.md"
+PAGE = Path(__file__).parents[4] / "docs" / "howto" / "model.md"
 HOURS = 24
 RADIUS = 6_371_008.8  # [m]
 CASE = """

@@ -20,7 +20,7 @@ class Seen:
 
 
 def displacements(fixes: Any) -> list[Seen]:
-    """Return the displacements of buoys (drift.engine.motion.buoy_errors.Fixes)."""
+    """Return the displacements of buoys (drift.engine.motion.errors.buoy_errors.Fixes)."""
     found = []
     for number, own in enumerate(fixes):
         begin = 0.0
@@ -67,7 +67,7 @@ def conditioned(
 
     The 3m values of a time are the standardised errors of the current, those of the wind and the
     biases there. correlations: between places, (m, m), constant, of current and wind; the buoys are
-    the first places. sights: what reports show (drift.engine.motion.buoy_errors.Sight).
+    the first places. sights: what reports show (drift.engine.motion.errors.buoy_errors.Sight).
     """
     seen, m = displacements(fixes), len(correlations[0])
     current, wind = correlations
