@@ -270,9 +270,18 @@ class ScenarioTable(fields.Table):
             )
         for name in () if self.phase else ("vessel", "distress", "overdue"):
             if getattr(self, name) is not None:
-                yield f"{name} belongs to a target under way; add [[scenario.phase]]"
+                yield (
+                    "distress belongs to a target under way; write it within the trackline, trackline = { .., distress = .. }"
+                    if name == "distress" and self.trackline is not None
+                    else f"{name} belongs to a target under way; add [[scenario.phase]]"
+                )
         if self.hazard is not None and self.trackline is None:
-            yield "hazard belongs to a trackline; add trackline, or leave hazard out"
+            yield (
+                "hazard belongs to a trackline, and targets under way have none yet; write the voyage as trackline, without "
+                "[[scenario.phase]], distress and overdue, or leave hazard out"
+                if self.phase
+                else "hazard belongs to a trackline; add trackline, or leave hazard out"
+            )
         if self.arrival_radius is not None and self.overdue is None:
             yield "arrival_radius belongs to overdue, the time by which its arrival would be known; add overdue"
         if not adrift:
