@@ -233,6 +233,8 @@ class ScenarioTable(fields.Table):
                 yield (
                     f"{given[0]}: its first phase defines the starting position; leave {given[0]} out, or begin with a course, "
                     "a behaviour or loitering"
+                    + "; a hazard needs the trackline: leave the phases out"
+                    * (given[0] == "trackline" and self.hazard is not None)
                 )
         elif self.phase and given != ["position"] and given != ["area"]:
             yield "a first phase of a course, a behaviour or of loitering begins at a position or in an area; give one of them"
