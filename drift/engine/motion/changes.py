@@ -4,6 +4,7 @@ kernels.step.change makes the changes. State 0 is the object as it went adrift, 
 change k of its scenario leads to.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -95,22 +96,21 @@ def any_changes(scenarios: Sequence[Scenario]) -> bool:
     return any(scenario.changes for scenario in scenarios)
 
 
-def state_at(
-    ensemble: Ensemble, scenarios: Sequence[Scenario], time: float, *, afloat: bool = False
-) -> Array:
+def state_at(ensemble: Ensemble, time: float, *, afloat: Sequence[Scenario] = ()) -> Array:
     """Return the state of each particle at a time up to the end of the last step, int (n,).
 
-    afloat: of those that have sunk, the last state before.
+    The column of the state is that at the end of the step, which may be later. afloat: scenarios of
+    the run; then, of those that have sunk, the last state before.
     """
     state, latest = np.zeros(ensemble.n, np.int64), np.full(ensemble.n, -np.inf)
     scenario = ensemble.scenario.to_numpy()
-    for number in range(1, max(len(own.changes) for own in scenarios) + 1):
+    for number in itertools.takewhile(
+        lambda number: f"changed_{number}" in ensemble.own, itertools.count(1)
+    ):
         came = ensemble.own[f"changed_{number}"].to_numpy()
         now = (came <= time) & (came >= latest)
         if afloat:
-            sinks = [
-                len(own.changes) >= number and own.changes[number - 1].sinks for own in scenarios
-            ]
+            sinks = [len(own.changes) >= number and own.changes[number - 1].sinks for own in afloat]
             now &= ~np.array(sinks)[scenario]
         state, latest = np.where(now, number, state), np.where(now, came, latest)
     return state
