@@ -59,7 +59,9 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
     with wrong.gathered():
         file = sources.one_file(named, folder, "spill.stretches.file") if named else None
     with wrong.gathered():
-        record = build_spill(table.spill, table.find, table.patrol, table.patrol_unit, start, file)
+        record = build_spill(
+            table.spill, table.find, table.patrol, table.patrol_unit, start, file, folder
+        )
     if record is None or end < start:
         wrong.refuse()
     assert record is not None

@@ -217,7 +217,7 @@ class TrackPrior:
 
     lon: tuple[float, ...]  # [rad]
     lat: tuple[float, ...]
-    time: tuple[int, ...]  # [s since 1970] at these points by the ship's clock
+    time: tuple[float, ...]  # [s since 1970] at these points by the ship's clock
     losses: tuple[Loss, ...]
     clock_error: float  # [s] the ship's clock is at most so much wrong, uniform
     release_start: np.datetime64
