@@ -22,7 +22,7 @@ from drift.engine.motion import own_motion
 from drift.engine.motion.leeway import Drifter
 from drift.engine.motion.own_motion import OwnMotion
 from drift.engine.motion.scenario import Change, Hazard, Scenario
-from drift.engine.motion.steering.itinerary import Itinerary, Phase, Spread, Ways
+from drift.engine.motion.steering.itinerary import Itinerary, Phase, Spread, Ways, unsettled
 from drift.spills.worlds.records import Find, Patrol, Spill
 from geo import notation
 from geo.errors import UserError
@@ -195,6 +195,8 @@ def _scenario(
             _check_release(place, prior, start, end)
         if itinerary is not None:
             _check_itinerary(place, itinerary, start, end)
+            if hazard is not None:
+                _check_settled(place, itinerary)
     chosen: dict[str, tuple[str, ...]] = {}
     for quantity, specs in forcing.items():
         key = QUANTITIES[quantity].key
@@ -288,6 +290,17 @@ def _check_itinerary(
             raise UserError(f"{place}: it may get under way at {notation.format_dtg(time)}, {span}")
     if itinerary.overdue is not None and not start < itinerary.overdue <= end:
         raise UserError(f"{place}.overdue: {notation.format_dtg(itinerary.overdue)} is {span}")
+
+
+def _check_settled(place: str, itinerary: Itinerary) -> None:
+    """Reject a hazard for a target of which chance decides the track on the way."""
+    reason = unsettled(itinerary)
+    if reason:
+        raise UserError(
+            f"{place}.hazard: {reason}, and a hazard needs a track that is settled at departure; "
+            "give voyages, lanes, tracks of certain places and times, or courses without change, with "
+            "currents compensated, or leave hazard out"
+        )
 
 
 def _departures(first: Phase) -> list[np.datetime64]:

@@ -196,7 +196,7 @@ class ScenarioTable(fields.Table):
     trackline: TracklineTable | None = None
     """In place of `position`: somewhere on a voyage."""
     hazard: HazardTable | None = None
-    """Where and when distress on the trackline is likelier: by wind, or by a file."""
+    """Where and when distress on its track is likelier: by wind, or by a file."""
     search_object: SearchObject | None = None
     source_level: SourceLevel | None = None
     """Source level for passive sonar, `"140 dB"` re 1 uPa at 1 m, or rows of speed and level; a
@@ -271,8 +271,8 @@ class ScenarioTable(fields.Table):
         for name in () if self.phase else ("vessel", "distress", "overdue"):
             if getattr(self, name) is not None:
                 yield f"{name} belongs to a target under way; add [[scenario.phase]]"
-        if self.hazard is not None and self.trackline is None:
-            yield "hazard belongs to a trackline; add trackline, or leave hazard out"
+        if self.hazard is not None and self.trackline is None and self.distress is None:
+            yield "hazard belongs to a trackline or to distress; add one of them, or leave hazard out"
         if self.arrival_radius is not None and self.overdue is None:
             yield "arrival_radius belongs to overdue, the time by which its arrival would be known; add overdue"
         if not adrift:

@@ -7,8 +7,8 @@ prior reaches. Priors are drawn in drift.engine.motion.prior and drift.spills.wo
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -255,7 +255,9 @@ class Scenario:
     # None: not stated.
     source_level: float | tuple[tuple[float, float], ...] | None = None
     changes: tuple[Change, ...] = ()  # of its state while it is adrift
-    hazard: Hazard | None = None  # of distress along its trackline; None: the same everywhere
+    hazard: Hazard | None = None  # of distress along its track; None: the same everywhere
+    # opens that hazard for drift.engine.motion.steering.distress; None: it does not steer
+    hazard_under_way: Callable[[], Any] | None = field(default=None, compare=False, repr=False)
 
     @property
     def objects(self) -> tuple[Drifter, ...]:

@@ -63,7 +63,7 @@ def test_refused(tmp_path: Path, hazard: dict, words: str) -> None:
 
 def test_it_belongs_to_a_trackline(tmp_path: Path) -> None:
     own = {"trackline": None, "position": trial_case.RAFT["position"]}
-    with pytest.raises(UserError, match="hazard belongs to a trackline"):
+    with pytest.raises(UserError, match="hazard belongs to a trackline or to distress; add one"):
         case_of(tmp_path, {"wind": "9 m/s"}, own=own)
 
 
