@@ -8,8 +8,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import hazards
 import numpy as np
 import pytest
+import trial_case
 from scipy import stats
 
 import drift
@@ -20,7 +22,6 @@ from drift.pipeline import run_setup
 from geo import sphere
 from geo.errors import UserError
 from kernels.runtime import runtime
-from tests.oracles import hazards, trial_case
 
 N = 1200
 # two legs of 62 and 71 km across 180 degrees
