@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drift.apps.serve import form
+from drift.apps.serve import form, note_answers
 from drift.case import file as case_file
 from drift.case.values import messages
 from geo import notation, sphere
@@ -288,5 +288,6 @@ ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
     "sketch": _sketch,
     "coast": _coast,
     "forcing": _forcing,
+    "note": lambda request, tell: note_answers.note(request),
     "warm": _warm,
 }

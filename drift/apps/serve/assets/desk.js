@@ -3,8 +3,10 @@ import { complaint, lay, leave, opened, save as save_text, say, tab, text } from
 import { begin, show_areas } from "./form.js";
 import { all, ask, button, bytes, file_of, get, guarded, make, span, when } from "./kit.js";
 import { paint } from "./map.js";
+import { by, watch } from "./people.js";
 
 const own = {
+  lists: /** @type {Map<string, string>} */ (new Map()), // as they were told last, by id
   jobs: /** @type {Map<number, Job>} */ (new Map()),
   check: /** @type {number | null} */ (null), // the job that checks the open case
   busy: false,
@@ -17,19 +19,25 @@ const show = guarded(async () => {
   const told = await ask("/api/folder");
   get("folder").textContent = told.folder;
   document.title = `drift: ${told.folder}`;
-  list("cases", told.cases.map(case_row), "No case yet: start from one of those below, or write one.");
+  list("cases", told.cases, case_row, "No case yet: start from one of those below, or write one.");
   if (!told.cases.length) get("shipped-box").open = true;
-  list("shipped", told.shipped.map(shipped_row), "");
-  list("runs", told.runs.map(run_row), "No results yet.");
+  list("shipped", told.shipped, shipped_row, "");
+  list("runs", told.runs, run_row, "No results yet.");
 });
 
 /**
+ * Show a list. One that has not changed stays, with what the user has unfolded in it.
+ * @template Row
  * @param {string} id
- * @param {HTMLElement[]} rows
+ * @param {Row[]} told
+ * @param {(one: Row) => HTMLElement} row
  * @param {string} empty
  */
-function list(id, rows, empty) {
-  get(id).replaceChildren(...(rows.length ? rows : [make("li", { class: "soft" }, empty)]));
+function list(id, told, row, empty) {
+  const words = JSON.stringify(told);
+  if (own.lists.get(id) === words) return;
+  own.lists.set(id, words);
+  get(id).replaceChildren(...(told.length ? told.map(row) : [make("li", { class: "soft" }, empty)]));
 }
 
 /** @param {Listed} one */
@@ -69,7 +77,27 @@ function run_row(run) {
     make("p", { class: "name" }, run.report ? file("report.html", title) : title),
     make("p", { class: "soft" }, facts.filter(Boolean).join(" · ")),
     ...run.warnings.map((line) => make("p", { class: "wrong" }, `Warning: ${line}`)),
+    ...(run.kind === "origin" ? [] : note_part(run.name)),
     make("details", {}, make("summary", {}, `Files of ${run.name}`), make("ul", { class: "files" }, ...files)));
+}
+
+/**
+ * Return a button that copies a short text about a result, and the place where the text appears.
+ * @param {string} run
+ */
+function note_part(run) {
+  const place = make("pre", { class: "note", tabindex: 0, role: "region", "aria-label": `Short text about ${run}`, hidden: true });
+  const said = make("span", { class: "soft", role: "status" });
+  const copy_note = guarded(async () => {
+    /** @type {{text: string}} */
+    const { text: words } = await ask("/api/note", { run });
+    place.textContent = words;
+    place.hidden = false;
+    // a browser lets pages copy only at addresses that it trusts, such as those of this machine
+    const copied = await Promise.resolve(navigator.clipboard?.writeText(words).then(() => true)).catch(() => false);
+    said.textContent = copied ? " Copied." : " Select the text and copy it.";
+  });
+  return [make("p", {}, button("Copy a short text", copy_note, { "aria-label": `Copy a short text about ${run}` }), said), place];
 }
 
 // --- cases ---------------------------------------------------------------------------------------------------------------
@@ -204,6 +232,10 @@ function new_row(job) {
     await ask(`/api/jobs/${job.number}/cancel`, {});
     poll();
   });
+  const stop = button("Cancel", cancel, {
+    "aria-label": `Cancel ${NAMES[job.kind]} of ${job.case}`,
+    "data-changes": "",
+  });
   const made = {
     item: make("li"),
     head: make("p", { class: "name" }),
@@ -212,7 +244,7 @@ function new_row(job) {
     link: make("p", {}),
     wrong: make("ul", { class: "rows" }),
     log: make("pre", { class: "log", tabindex: 0, role: "region", "aria-label": `Log of ${job.case}` }),
-    stop: button("Cancel", cancel, { "aria-label": `Cancel ${NAMES[job.kind]} of ${job.case}` }),
+    stop,
   };
   const log = make("details", {}, make("summary", {}, `Log of job ${job.number}`), made.log);
   made.item.append(made.head, make("div", { class: "line" }, made.bar, made.phase, made.stop), made.link, made.wrong, log);
@@ -227,7 +259,7 @@ function row(job) {
   const made = rows.get(job.number) ?? new_row(job);
   rows.set(job.number, made);
   const took = job.took ?? 0;
-  const head = `${NAMES[job.kind]} of ${job.case}: ${STATES[job.state]}${job.took === null ? "" : `, ${span(took)}`}`;
+  const head = `${NAMES[job.kind]} of ${job.case}${by(job.user)}: ${STATES[job.state]}${job.took === null ? "" : `, ${span(took)}`}`;
   if (made.head.textContent !== head) made.head.textContent = head;
   made.bar.hidden = made.stop.hidden = over(job);
   if (job.state === "running" && job.share > 0) made.bar.value = job.share;
@@ -313,3 +345,7 @@ document.addEventListener("visibilitychange", () => {
 colour();
 show();
 poll();
+watch(() => {
+  show();
+  poll();
+}, open);
