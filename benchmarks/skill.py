@@ -1,6 +1,7 @@
 """How good are forecasts of real drifters? Five experiments, four ocean models, scored blind.
 
     python benchmarks/skill.py FOLDER [--json FILE] [--every 96] [--particles 1000] [--smallest]
+        [--only TEXT] [--opendrift PYTHON]
 
 FOLDER is the folder `data` of github.com/nsoontie/velocity-error: hourly positions of drifters with
 the modelled current and wind at each. The fifth experiment, a drifter in the Bay of Biscay, ships
@@ -13,15 +14,20 @@ fitted on the other experiments (leave one out), normal and with a tail: the std
 the largest mean log score of their displacements, each experiment counting once. Printed for each,
 at 6, 12, 24 and 48 h: the shares that areas held, scores and separations, beside staying put.
 
+--only: forecast the experiments whose names hold TEXT alone. --opendrift: also score OpenDrift's
+OceanDrift with the same currents, starts and scores; PYTHON is the interpreter of an environment in
+which `import opendrift` works (benchmarks/opendrift_skill.py).
+
 Then the laws alone, in closed form: the log score, energy score and shares of a normal law and of
 Student's, fitted on the other experiments in the same way. --smallest: the Bay of Biscay alone.
 """
 
 import argparse
 import json
+import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -237,8 +243,108 @@ def row(found: Verification, lead: int) -> dict[str, Any]:
     }
 
 
+def opendrift_settings() -> dict[str, tuple[float, float]]:
+    """Return current_uncertainty [m/s] and horizontal_diffusivity [m2/s] by name of a setting.
+
+    The last two have the std of our default error, and the diffusivity std^2 time to which that
+    error's spread tends.
+    """
+    diffusivity = CURRENT.std**2 * CURRENT.time
+    return {
+        "OpenDrift, defaults": (0.0, 0.0),
+        f"OpenDrift, current_uncertainty {CURRENT.std:.2f} m/s": (CURRENT.std, 0.0),
+        f"OpenDrift, horizontal_diffusivity {diffusivity:,.0f} m2/s": (0.0, diffusivity),
+    }
+
+
+def opendrift_scores(
+    sample: Sample, python: Path, every: float, particles: int
+) -> Iterator[tuple[str, Verification]]:
+    """Yield the name of each setting of OpenDrift, and its verification from the same starts."""
+    found = verified(sample, "none", every, particles)
+    begins, currents = [], []
+    for start, number in zip(found.start, found.drifter, strict=True):
+        when = start + 3600.0 * np.arange(49)
+        track = next(
+            one
+            for one in sample.tracks
+            if one.name == found.names[number]
+            and one.time[0] <= start
+            and one.time[-1] >= when[-1] - 3600
+        )
+        known = np.isfinite(track.columns["u"] + track.columns["v"])
+        currents.append([np.interp(when, track.time[known], track.columns[c][known]) for c in "uv"])
+        begins.append([float(x) for x in track.at(start)])
+    rng = np.random.default_rng(45)
+    spread = START / np.sqrt(2 * np.log(2))
+    off = spread * rng.standard_normal((2, len(begins), particles))
+    x, y = np.radians(np.array(begins)).T
+    lon, lat = sphere.destination(x[:, None], y[:, None], *off)
+    east, north = np.swapaxes(np.array(currents), 0, 1)
+    for name, (std, diffusivity) in opendrift_settings().items():
+        with tempfile.TemporaryDirectory() as folder:
+            source, target = Path(folder) / "forecasts.npz", Path(folder) / "clouds.npz"
+            ones = np.ones(len(begins))
+            np.savez(
+                source, start=found.start, east=east, north=north, lon=np.degrees(lon),
+                lat=np.degrees(lat), std=std * ones, diffusivity=diffusivity * ones,
+            )  # fmt: skip
+            worker = Path(__file__).with_name("opendrift_skill.py")
+            subprocess.run([python, worker, source, target], check=True, stdout=subprocess.DEVNULL)
+            clouds = np.load(target)
+            yield name, scored(found, clouds["lon"], clouds["lat"])
+
+
+def scored(found: Verification, lons: Any, lats: Any) -> Verification:
+    """Return a verification with the scores of other clouds, from the same starts.
+
+    lons, lats: of the particles [deg], (forecasts, particles, times every 3 h from the start).
+    """
+    apart = np.empty_like(found.apart)
+    at_leads = np.empty((3, *found.containment.shape))
+    weight = np.full(lons.shape[1], 1 / lons.shape[1])
+    for n in range(lons.shape[0]):
+        for k, hour in enumerate(found.hours):
+            lon, lat = (each[n, :, round(hour / 3)] for each in (lons, lats))
+            # the mean position on the sphere, as of a forecast
+            phi, theta = np.radians(lat), np.radians(lon)
+            mean = [np.mean(np.cos(phi) * np.cos(theta)), np.mean(np.cos(phi) * np.sin(theta))]
+            middle = np.arctan2(mean[1], mean[0]), np.arctan2(np.sin(phi).mean(), np.hypot(*mean))
+            here = np.radians([found.lon[n, k], found.lat[n, k]])
+            apart[n, k] = sphere.distance(*middle, *here)
+            x, y = scores.relative_to(found.lon[n, k], found.lat[n, k], lon, lat)
+            for lead in np.flatnonzero(found.leads == hour):
+                at_leads[:, n, lead] = (
+                    scores.containment(x, y, weight),
+                    scores.energy_score(x, y, weight),
+                    scores.log_score(x, y, weight),
+                )
+    return replace(found, apart=apart, containment=at_leads[0], energy=at_leads[1], log=at_leads[2])
+
+
+def print_row(sample: Sample, name: str, found: Verification, lead: int) -> dict[str, Any]:
+    """Print a row of the table of forecasts; return it."""
+    one = row(found, lead)
+    held = " / ".join(f"{100 * share:.0f}" for share in one["held"].values())
+    without = name in ("none", "OpenDrift, defaults")  # a cloud no wider than its start
+    if without:
+        held = "-"
+    log = "-" if without else f"{one['log']:.2f}, {one['log_median']:.2f}"
+    print(
+        f"| {sample.experiment}, {sample.model} | {name} | {lead} h | {one['forecasts']:,} | {held} "
+        f"| {one['energy_km']:.1f} km | {log} | {one['ss_unclipped']:.2f} | {one['ss_clipped']:.2f} "
+        f"| {one['apart_km']:.1f} km | {one['staying_km']:.1f} km, {one['ss_staying']:.2f} |",
+        flush=True,
+    )
+    return {"experiment": sample.experiment, "model": sample.model, "errors": name, **one}
+
+
 def table_of_forecasts(
-    everything: list[Sample], every: float, particles: int, squares: Any
+    everything: list[Sample],
+    every: float,
+    particles: int,
+    squares: Any,
+    opendrift: Path | None = None,
 ) -> list:
     """Print a row for each sample, set of errors and lead; return them."""
     print(
@@ -259,21 +365,10 @@ def table_of_forecasts(
             }
         for name, error in laws.items():
             found = verified(sample, error, every, particles)
-            for lead in HOURS:
-                one = row(found, lead)
-                rows.append(
-                    {"experiment": sample.experiment, "model": sample.model, "errors": name, **one}
-                )
-                held = " / ".join(f"{100 * share:.0f}" for share in one["held"].values())
-                if name == "none":
-                    held = "-"
-                log = "-" if name == "none" else f"{one['log']:.2f}, {one['log_median']:.2f}"
-                print(
-                    f"| {sample.experiment}, {sample.model} | {name} | {lead} h | {one['forecasts']:,} | {held} "
-                    f"| {one['energy_km']:.1f} km | {log} | {one['ss_unclipped']:.2f} | {one['ss_clipped']:.2f} "
-                    f"| {one['apart_km']:.1f} km | {one['staying_km']:.1f} km, {one['ss_staying']:.2f} |",
-                    flush=True,
-                )
+            rows += [print_row(sample, name, found, lead) for lead in HOURS]
+        if opendrift is not None:
+            for name, found in opendrift_scores(sample, opendrift, every, particles):
+                rows += [print_row(sample, name, found, lead) for lead in HOURS]
     return rows
 
 
@@ -327,6 +422,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="also write the rows there")
     parser.add_argument("--every", type=float, default=96.0, help="[h] from start to start")
     parser.add_argument("--particles", type=int, default=1000)
+    parser.add_argument("--only", default="", help="part of the names of experiments to forecast")
+    parser.add_argument("--opendrift", type=Path, help="interpreter of OpenDrift's environment")
     args = smallest.parse(parser, every=120.0, particles=500)
     if args.folder is None and not smallest.ASKED:
         parser.error("give the folder data of velocity-error, or --smallest")
@@ -336,7 +433,8 @@ def main() -> None:
         square = (excesses(sample) ** 2).sum(axis=-1)
         squares.setdefault(sample.experiment, []).append(square)
     laws = table_of_laws(squares)
-    forecasts = table_of_forecasts(everything, args.every, args.particles, squares)
+    chosen = [sample for sample in everything if args.only in sample.experiment]
+    forecasts = table_of_forecasts(chosen, args.every, args.particles, squares, args.opendrift)
     if args.json:
         args.json.write_text(json.dumps({"forecasts": forecasts, "laws": laws}, indent=1))
 

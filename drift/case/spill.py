@@ -9,13 +9,21 @@ drift.spills.worlds.worlds and drift.spills.worlds.finds.
 import math
 import os
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
 from drift.case.scenario.objects import ObjectTable
 from drift.case.scenario.scenario import TracklineTable
+from drift.case.tracking import ship
 from drift.case.values import fields, units
 from drift.case.values.mistakes import Mistakes
 from drift.case.values.places import AreaTable, PositionTable
@@ -165,6 +173,17 @@ class TrackPointTable(fields.Table):
     """Time at which it was there."""
 
 
+def _file_or_points(value: object, handler: ValidatorFunctionWrapHandler) -> Any:
+    if isinstance(value, str) and value:
+        return value
+    if not isinstance(value, list):
+        raise ValueError(
+            f'{value!r} must be a file such as "ship.gpx", or points like '
+            '{ at = "53 25N 004 15E", time = "011700ZJAN2019" }'
+        )
+    return handler(value)
+
+
 def _begin(value: object) -> tuple[units.Instant, units.Instant]:
     early, late = value if isinstance(value, list) and len(value) == 2 else (value, value)
     return units.time(early), units.time(late)
@@ -210,8 +229,13 @@ class SpillTable(fields.Table):
     """In place of `position`: anywhere in an area."""
     trackline: TracklineTable | None = None
     """In place of `position`: somewhere on a voyage."""
-    track: Annotated[list[TrackPointTable], Field(min_length=2)] | None = None
-    """In place of `position`: the ship's track; objects go overboard along it, in each `loss`."""
+    track: Annotated[
+        Annotated[list[TrackPointTable], Field(min_length=2)] | None, WrapValidator(_file_or_points)
+    ] = None
+    """In place of `position`: the ship's track, points or a file (GPX with times, CSV, netCDF);
+    objects go overboard along it, in each `loss`."""
+    ship: fields.Label | None = None
+    """Which ship of the file in `track`; by default its only one."""
     loss: list[LossTable] = Field(default_factory=list)
     """Intervals in which objects went overboard, with `track`."""
     clock_error: Annotated[float, BeforeValidator(_release_duration)] = 0.0
@@ -252,6 +276,8 @@ class SpillTable(fields.Table):
         """Reject no position or two, wrong shares of classes, and too few or too many worlds."""
         place = fields.one_of(self, ("position", "area", "trackline", "track"))
         self._check_loss(place == "track")
+        if self.ship is not None and self.track_file is None:
+            raise ValueError('ship is one of the ships in a file; give track = "FILE" too')
         self.shares()
         names = [kind.name for kind in self.kinds]
         for name in names:
@@ -322,46 +348,62 @@ class SpillTable(fields.Table):
             self.per_world if self.per_world is not None else min(max(self.objects[1], 500), 2000)
         )
 
-    def prior(self, start: np.datetime64) -> ReleasePrior:
-        """Return the prior of a world's release: position and time."""
+    @property
+    def track_file(self) -> str | None:
+        """The file of the ship's track; None: there is none, or its points are in the case."""
+        given: Any = self.track
+        return given if isinstance(given, str) else None
+
+    def prior(self, start: np.datetime64, folder: Path) -> ReleasePrior:
+        """Return the prior of a world's release: position and time.
+
+        Args:
+            start: start of the case.
+            folder: folder from which relative paths start.
+
+        Raises:
+            UserError: the file of the ship's track cannot be read.
+            ValueError: the position or the track is not possible.
+        """
         if self.track:
-            return self._track_prior(self.track, start)
+            return self._track_prior(self.track, start, folder)
         table = self.position or self.area or self.trackline
         assert table is not None  # whole
         return table.prior(start)
 
-    def _track_prior(self, track: list[TrackPointTable], start: np.datetime64) -> TrackPrior:
-        times = [units.resolve(point.time, start) for point in track]
-        for before, after in pairwise(times):
-            if after <= before:
-                raise ValueError(
-                    f"[spill] track: {notation.format_dtg(after)} follows "
-                    f"{notation.format_dtg(before)}; times must ascend"
-                )
+    def _track_prior(
+        self, track: list[TrackPointTable], start: np.datetime64, folder: Path
+    ) -> TrackPrior:
+        file = self.track_file
+        fixes = _points(track, start) if file is None else ship.read_ship(file, self.ship, folder)
         losses = tuple(loss.record(start, 1 / len(self.loss)) for loss in self.loss)
         first = min(loss.begin[0] for loss in losses)
         last = max(loss.end for loss in losses)
         margin = np.timedelta64(math.ceil(self.clock_error), "s")
-        if first - margin < times[0] or last + margin > times[-1]:
+        begin, end = (float(notation.epoch(time)) for time in (first - margin, last + margin))
+        if begin < fixes.time[0] or end > fixes.time[-1]:
+            known = [np.datetime64(round(float(time)), "s") for time in fixes.time[[0, -1]]]
             raise ValueError(
                 f"[spill] loss: objects may go overboard from {notation.format_dtg(first)} to "
                 f"{notation.format_dtg(last)}, and with clock_error the ship's track must cover "
                 f"{notation.format_dtg(first - margin)} to {notation.format_dtg(last + margin)}; it "
-                f"covers {notation.format_dtg(times[0])} to {notation.format_dtg(times[-1])}"
+                f"covers {notation.format_dtg(known[0])} to {notation.format_dtg(known[1])}"
             )
-        lon, lat = np.radians(np.array([point.at for point in track])).T
-        speed = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / (
-            np.diff(times) / np.timedelta64(1, "s")
-        )
+        if file is not None:
+            fixes = ship.during(fixes, begin, end)
+        lon, lat = np.radians(fixes.lon), np.radians(fixes.lat)
+        speed = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / np.diff(fixes.time)
         if speed.max() > FASTEST:
+            k = int(np.argmax(speed))
+            when = notation.format_dtg(np.datetime64(round(float(fixes.time[k])), "s"))
             raise ValueError(
-                f"[spill] track: the ship makes {speed.max():.0f} m/s between two points; at most "
-                f"{FASTEST:g} m/s; check positions and times"
+                f"[spill] track: the ship makes {speed.max():.0f} m/s between two points, from "
+                f"{when}; at most {FASTEST:g} m/s; check positions and times"
             )
         return TrackPrior(
             tuple(lon.tolist()),
             tuple(lat.tolist()),
-            tuple(int(notation.epoch(time)) for time in times),
+            tuple(fixes.time.tolist()),
             losses,
             self.clock_error,
             first,
@@ -379,6 +421,19 @@ class SpillTable(fields.Table):
             if self.position
             else "area.time"
         )
+
+
+def _points(track: list[TrackPointTable], start: np.datetime64) -> ship.Fixes:
+    """Return the points of a track in the case; reject times that do not ascend."""
+    times = [units.resolve(point.time, start) for point in track]
+    for before, after in pairwise(times):
+        if after <= before:
+            raise ValueError(
+                f"[spill] track: {notation.format_dtg(after)} follows "
+                f"{notation.format_dtg(before)}; times must ascend"
+            )
+    lon, lat = np.array([point.at for point in track]).T
+    return ship.Fixes(np.array([float(notation.epoch(time)) for time in times]), lon, lat)
 
 
 class FindTable(fields.Table):
@@ -520,6 +575,7 @@ def build_spill(
     team_tables: list[PatrolUnitTable],
     start: np.datetime64,
     file: str | None,
+    folder: Path,
 ) -> Spill:
     """Build the record of a spill.
 
@@ -530,11 +586,12 @@ def build_spill(
         team_tables: its patrol units.
         start: start of the case.
         file: file of named stretches; None: there is none.
+        folder: folder from which relative paths start.
 
     Raises:
         UserError: finds or patrols do not fit the spill, one line for each mistake.
     """
-    prior = table.prior(start)
+    prior = table.prior(start, folder)
     wrong = Mistakes()
     patrols = tuple(_patrol(patrol, start) for patrol in patrol_tables)
     wrong.lines += _duplicate_names([patrol.name for patrol in patrols], "patrol")

@@ -22,7 +22,7 @@ from drift.engine.motion.models import own_motion
 from drift.engine.motion.models.own_motion import OwnMotion
 from drift.engine.motion.objects.leeway import Drifter
 from drift.engine.motion.scenario import Change, Hazard, Scenario
-from drift.engine.motion.steering.itinerary import Itinerary, Phase, Spread, Ways
+from drift.engine.motion.steering.itinerary import Itinerary, Phase, Spread, Ways, unsettled
 from drift.spills.worlds.records import Find, Patrol, Spill
 from geo import notation
 from geo.errors import UserError
@@ -59,7 +59,9 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
     with wrong.gathered():
         file = sources.one_file(named, folder, "spill.stretches.file") if named else None
     with wrong.gathered():
-        record = build_spill(table.spill, table.find, table.patrol, table.patrol_unit, start, file)
+        record = build_spill(
+            table.spill, table.find, table.patrol, table.patrol_unit, start, file, folder
+        )
     if record is None or end < start:
         wrong.refuse()
     assert record is not None
@@ -193,6 +195,8 @@ def _scenario(
             _check_release(place, prior, start, end)
         if itinerary is not None:
             _check_itinerary(place, itinerary, start, end)
+            if hazard is not None:
+                _check_settled(place, itinerary)
     chosen: dict[str, tuple[str, ...]] = {}
     for quantity, specs in forcing.items():
         key = QUANTITIES[quantity].key
@@ -286,6 +290,17 @@ def _check_itinerary(
             raise UserError(f"{place}: it may get under way at {notation.format_dtg(time)}, {span}")
     if itinerary.overdue is not None and not start < itinerary.overdue <= end:
         raise UserError(f"{place}.overdue: {notation.format_dtg(itinerary.overdue)} is {span}")
+
+
+def _check_settled(place: str, itinerary: Itinerary) -> None:
+    """Reject a hazard for a target of which chance decides the track on the way."""
+    reason = unsettled(itinerary)
+    if reason:
+        raise UserError(
+            f"{place}.hazard: {reason}, and a hazard needs a track that is settled at departure; "
+            "give voyages, lanes, tracks of certain places and times, or courses without change, with "
+            "currents compensated, or leave hazard out"
+        )
 
 
 def _departures(first: Phase) -> list[np.datetime64]:

@@ -38,6 +38,7 @@ STREAM_BUOYS_BEGIN = -4  # and those at the begin of the run
 STREAM_TAIL = -5  # scales of the current's errors
 STREAM_CHANGE = -6  # waits for changes of state
 STREAM_CHANGED = -7  # leeway lines after changes of state
+STREAM_DISTRESS = -8  # distress of targets under way by a hazard
 STREAM_DEBRIS = 16  # the first of many: each class of debris has its own stream
 
 u32x4 = ti.types.vector(4, ti.u32)

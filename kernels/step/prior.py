@@ -534,13 +534,14 @@ def draw_lost(
             low, high = 0, times.shape[0] - 2
             whole = ti.cast(ti.floor(clock[k]), ti.i32)
             shown = release[i] + whole
+            part = clock[k] - ti.cast(whole, ti.f32)
             while low < high:
                 middle = (low + high + 1) // 2
-                if times[middle] <= shown:
+                if times[middle] < shown or (times[middle] == shown and parts[middle] <= part):
                     low = middle
                 else:
                     high = middle - 1
-            past = ti.cast(shown - times[low], ti.f32) + (clock[k] - ti.cast(whole, ti.f32))
+            past = ti.cast(shown - times[low], ti.f32) + part
             lasts = ti.cast(times[low + 1] - times[low], ti.f32) + (parts[low + 1] - parts[low])
             share = (past - parts[low]) / lasts
             if low == 0:  # before the track begins

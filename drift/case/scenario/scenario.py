@@ -196,7 +196,7 @@ class ScenarioTable(fields.Table):
     trackline: TracklineTable | None = None
     """In place of `position`: somewhere on a voyage."""
     hazard: HazardTable | None = None
-    """Where and when distress on the trackline is likelier: by wind, or by a file."""
+    """Where and when distress on its track is likelier: by wind, or by a file."""
     search_object: SearchObject | None = None
     source_level: SourceLevel | None = None
     """Source level for passive sonar, `"140 dB"` re 1 uPa at 1 m, or rows of speed and level; a
@@ -277,12 +277,11 @@ class ScenarioTable(fields.Table):
                     if name == "distress" and self.trackline is not None
                     else f"{name} belongs to a target under way; add [[scenario.phase]]"
                 )
-        if self.hazard is not None and self.trackline is None:
+        if self.hazard is not None and self.trackline is None and self.distress is None:
+            missing = "distress" if self.phase else "trackline"
             yield (
-                "hazard belongs to a trackline, and targets under way have none yet; write the voyage as trackline, without "
-                "[[scenario.phase]], distress and overdue, or leave hazard out"
-                if self.phase
-                else "hazard belongs to a trackline; add trackline, or leave hazard out"
+                "hazard belongs to a trackline, or to the distress of a target under way; "
+                f"add {missing}, or leave hazard out"
             )
         if self.arrival_radius is not None and self.overdue is None:
             yield "arrival_radius belongs to overdue, the time by which its arrival would be known; add overdue"

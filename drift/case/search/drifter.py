@@ -9,8 +9,8 @@ from pydantic import Field, model_validator
 
 from drift.case.context import Run, unique_names
 from drift.case.forcing import sources
-from drift.case.tracking import reading
-from drift.case.values import fields, gpx, units
+from drift.case.tracking.one_track import read_one_track
+from drift.case.values import fields, units
 from drift.case.values.mistakes import Mistakes
 from drift.engine.motion.errors.buoys import BuoyTrack
 from drift.engine.motion.scenario import Scenario
@@ -123,30 +123,8 @@ class DrifterTable(fields.Table):
     def _track(self, folder: Path) -> Track:
         """Return the track of the file that is meant."""
         file = sources.one_file(self.track, folder, "track")
-        if Path(file).suffix.lower() == ".gpx":
-            names = gpx.track_names(file)
-            self._check_id(file, names)
-            points = gpx.read_gpx(file, self.id)
-            if not points.time:
-                raise ValueError(f'track: "{Path(file).name}" has no times')
-            time, lon, lat = (np.array(values) for values in (points.time, points.lon, points.lat))
-            return Track(Path(file).stem, time, lon, lat)
-        tracks = reading.read_drifters(file, given_as="track")
-        self._check_id(file, [track.name for track in tracks])
-        return next(track for track in tracks if self.id in (None, track.name))
-
-    def _check_id(self, file: str, names: Sequence[str]) -> None:
-        """Reject a file of several buoys without `id`, and an `id` that is not in the file."""
-        listed = ", ".join(f'"{name}"' for name in names[:6])
-        listed += f" and {len(names) - 6} more" if len(names) > 6 else ""
-        if self.id is None and len(names) > 1:
-            raise ValueError(
-                f'track: "{Path(file).name}" holds {len(names)} buoys ({listed}); give id, and a [[drifter]] for each'
-            )
-        if self.id is not None and self.id not in names:
-            raise ValueError(
-                f'id: "{self.id}" is not in "{Path(file).name}"; it holds {listed or "no named track"}'
-            )
+        advice = "give id, and a [[drifter]] for each"
+        return read_one_track(file, self.id, "track", "id", "buoys", advice)
 
 
 def build_drifters(tables: Sequence[DrifterTable], run: Run) -> tuple[BuoyTrack, ...]:

@@ -1,12 +1,15 @@
-"""Hazards of distress along a trackline: the prior's density in time, multiplied by a hazard.
+"""Hazards of distress: the prior's density in time, multiplied by a hazard.
 
 The density is proportional to the trackline's own one times the hazard at the place and time, also
 across the track. Particles are drawn from that product (kernels.step.prior), so that their weights
-stay equal, the scenario keeps its weight, and no shard needs to know of another.
+stay equal, the scenario keeps its weight, and no shard needs to know of another. The above is of
+tracklines; for targets under way see drift.engine.motion.steering.distress.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -57,20 +60,47 @@ def with_hazards(
         if hazard is None:
             tilted.append(scenario)
             continue
+        place = f'scenario "{scenario.name}".hazard'
+        if hazard.wind is not None and members:
+            raise UserError(
+                f"{place}: the wind has {members} members, and a hazard by wind takes one wind; give winds "
+                "without members, or a field of hazard in a file"
+            )
+        if scenario.itinerary is not None:
+            opened = partial(_under_way, hazard, list(sources), direction, number)
+            tilted.append(replace(scenario, hazard_under_way=opened))
+            continue
         assert isinstance(prior, TracklinePrior)  # drift.case.scenario.scenario
-        place, points = f'scenario "{scenario.name}".hazard', lattice(prior)
+        points = lattice(prior)
         if hazard.wind is None:
             values = _of_field(hazard, points, place)
         else:
-            if members:
-                raise UserError(
-                    f"{place}: the wind has {members} members, and a hazard by wind takes one wind; give winds "
-                    "without members, or a field of hazard in a file"
-                )
             wind = _wind(list(sources), direction, number, points)
             values = _of_wind(hazard.wind, wind, points, place)
         tilted.append(replace(scenario, prior=replace(prior, tilt=tilt_of(prior, values, place))))
     return tuple(tilted)
+
+
+@contextmanager
+def _under_way(
+    hazard: Hazard, sources: list[Sources], direction: int, scenario: int
+) -> Iterator[Callable[[int, Array, Array], Array]]:
+    """Yield a function of a time [s since 1970] and places [binary angle]: hazards, NaN for none."""
+    forcing = Forcing(sources, direction) if hazard.wind is not None else None
+
+    def values(time: int, lon: Array, lat: Array) -> Array:
+        if forcing is None:
+            return _values_of_field(hazard, time, sphere.to_degrees(lon), sphere.to_degrees(lat))
+        assert hazard.wind is not None
+        times = np.full(lon.size, float(time))
+        wind = sample_forcing(forcing, scenario, ["wind"], times, lon, lat)["wind"]
+        return _by_wind(hazard.wind, np.hypot(wind[:, 0], wind[:, 1]))
+
+    try:
+        yield values
+    finally:
+        if forcing is not None:
+            forcing.close()
 
 
 def lattice(prior: TracklinePrior) -> Lattice:
@@ -156,28 +186,39 @@ def _of_wind(law: tuple[float, float], wind: Array, points: Lattice, place: str)
         raise UserError(
             f"{place}: the case has no wind at {_first(missing, points)}, on the trackline; give winds that cover it"
         )
+    return _by_wind(law, wind)
+
+
+def _by_wind(law: tuple[float, float], wind: Array) -> Array:
     at, width = law
     return np.asarray(1 / (1 + np.exp(np.clip((at - wind) / width, None, 500.0))))
 
 
+def _values_of_field(hazard: Hazard, time: float, lon: Array, lat: Array) -> Array:
+    """Return the hazard of a field at a time [s since 1970] and places [deg]; NaN for none."""
+    assert hazard.grid is not None
+    values = grids.sample(hazard.grid, _at_time(hazard, time), lon, lat)
+    missing = np.isnan(values)
+    if hazard.depth is not None:
+        values = np.where(values < hazard.depth, 1.0, hazard.deeper)
+    return np.where(missing, np.nan if hazard.outside is None else hazard.outside, values)
+
+
 def _of_field(hazard: Hazard, points: Lattice, place: str) -> Array:
     """Return the hazard of a field on a lattice."""
-    assert hazard.grid is not None
     values = np.stack(
         [
-            grids.sample(hazard.grid, _at_time(hazard, time), np.degrees(lon), np.degrees(lat))
+            _values_of_field(hazard, time, np.degrees(lon), np.degrees(lat))
             for time, lon, lat in zip(*points, strict=True)
         ]
     )
     missing = np.isnan(values)
-    if hazard.depth is not None:
-        values = np.where(values < hazard.depth, 1.0, hazard.deeper)
-    if missing.any() and hazard.outside is None:
+    if missing.any():
         raise UserError(
             f"{place}: {hazard.name} has no value at {_first(missing, points)}, on the trackline; give a file that "
             "covers it, or set hazard.outside to the hazard that holds there"
         )
-    return np.where(missing, hazard.outside or 0.0, values)
+    return values
 
 
 def _at_time(hazard: Hazard, time: float) -> Array:

@@ -17,7 +17,7 @@ from drift.engine.motion.models import by_name as models
 from drift.engine.motion.models.by_name import model_of
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
-from drift.engine.motion.steering import steer
+from drift.engine.motion.steering import distress, steer
 from drift.engine.particles import ensemble as record
 from drift.engine.particles import members, partials, resample
 from drift.engine.particles.ensemble import Ensemble, Layout, Slots
@@ -101,6 +101,10 @@ def draw_ensemble(
     begun = np.array(tried)
     if steering:
         begun = begun + steer.draw_targets(ensemble, steering, coast)
+        for number, scenario in enumerate(spec.scenarios):
+            opened = scenario.hazard_under_way
+            if opened is not None:
+                distress.draw_again(ensemble, steering, number, scenario.name, opened, coast)
     counts = counts_of(spec)
     # number in its scenario
     within = ensemble.places - np.repeat(whole.bounds[:-1], np.diff(own.bounds))

@@ -7,8 +7,8 @@ prior reaches. Priors are drawn in drift.engine.motion.prior and drift.spills.wo
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -217,7 +217,7 @@ class TrackPrior:
 
     lon: tuple[float, ...]  # [rad]
     lat: tuple[float, ...]
-    time: tuple[int, ...]  # [s since 1970] at these points by the ship's clock
+    time: tuple[float, ...]  # [s since 1970] at these points by the ship's clock
     losses: tuple[Loss, ...]
     clock_error: float  # [s] the ship's clock is at most so much wrong, uniform
     release_start: np.datetime64
@@ -255,7 +255,9 @@ class Scenario:
     # None: not stated.
     source_level: float | tuple[tuple[float, float], ...] | None = None
     changes: tuple[Change, ...] = ()  # of its state while it is adrift
-    hazard: Hazard | None = None  # of distress along its trackline; None: the same everywhere
+    hazard: Hazard | None = None  # of distress along its track; None: the same everywhere
+    # opens that hazard for drift.engine.motion.steering.distress; None: it does not steer
+    hazard_under_way: Callable[[], Any] | None = field(default=None, compare=False, repr=False)
 
     @property
     def objects(self) -> tuple[Drifter, ...]:

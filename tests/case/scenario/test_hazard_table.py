@@ -64,7 +64,7 @@ def test_refused(tmp_path: Path, hazard: dict, words: str) -> None:
 
 def test_it_belongs_to_a_trackline(tmp_path: Path) -> None:
     own = {"trackline": None, "position": trial_case.RAFT["position"]}
-    with pytest.raises(UserError, match="hazard belongs to a trackline"):
+    with pytest.raises(UserError, match="target under way; add trackline, or leave hazard out"):
         case_of(tmp_path, {"wind": "9 m/s"}, own=own)
 
 
@@ -73,10 +73,10 @@ def test_the_time_of_distress_is_written_in_the_trackline(tmp_path: Path) -> Non
         case_of(tmp_path, {"wind": "9 m/s"}, own={"distress": {"part": [0, 1]}})
 
 
-def test_a_target_under_way_has_none(tmp_path: Path) -> None:
+def test_a_target_under_way_needs_a_distress(tmp_path: Path) -> None:
     voyage = {"waypoints": ["59N 4E", "59N 5E"], "speed": "6 kn"}
-    own = {"trackline": None, "distress": {"part": [0, 1]}, "phase": [{"voyage": voyage}]}
-    with pytest.raises(UserError, match="targets under way have none yet"):
+    own = {"trackline": None, "object": None, "phase": [{"voyage": voyage}]}
+    with pytest.raises(UserError, match="target under way; add distress, or leave hazard out"):
         case_of(tmp_path, {"wind": "9 m/s"}, own=own)
 
 

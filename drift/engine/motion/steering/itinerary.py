@@ -375,3 +375,42 @@ def latest(time: Spread | Moment | None, spreads: float) -> float:
         case Moment():
             return time.mean + spreads * time.std
     return 0.0
+
+
+def unsettled(itinerary: Itinerary) -> str:
+    """Return why the track of a target is not known at its departure; "": it is known.
+
+    Distress after a part of the voyage comes in the first phase, and only that one counts.
+    """
+    if itinerary.currents == "felt":
+        return "vessel.currents is felt: the current sets it off its track"
+    phases = itinerary.phases[: 1 if isinstance(itinerary.distress, Part) else None]
+    for number, phase in enumerate(phases, 1):
+        match phase:
+            case Loiter():
+                return f"phase {number} loiters"
+            case Acts():
+                return f"phase {number} acts at random times"
+            case Course(change=change) if change > 0:
+                return f"phase {number} changes its course at random times"
+            case Ways(k=k) if k > 0:
+                return f"phase {number} is a Brownian bridge"
+            case Ways():
+                begins = 1 if number == 1 else 0  # where and when it begins is drawn at birth
+                ends = [point for point, _ in phase.destinations]
+                if any(_drawn_later(point) for point in (*phase.points[begins:], *ends)):
+                    return f"phase {number} has a way point of uncertain place or time"
+    return ""
+
+
+def _drawn_later(point: WayPoint) -> bool:
+    """Return whether the place or the time of a way point is drawn as the target makes for it."""
+    sure = isinstance(point.place, Abeam) or (
+        isinstance(point.place, Near) and point.place.major == 0
+    )
+    match point.time:
+        case Spread(low, high):
+            return not sure or high > low
+        case Moment(std=std):
+            return not sure or std > 0
+    return not sure

@@ -122,6 +122,11 @@ class Helm:
         self._kept: dict[str, Device] = {}
 
     @property
+    def coast(self) -> DeviceCoast | None:
+        """The coast that its targets heed; None: none."""
+        return self._coast
+
+    @property
     def _whole(self) -> "Helm":
         """The helm of which this is a part, which must outlive it."""
         whole = self._of()
