@@ -24,6 +24,7 @@ from drift.apps.serve import names, shelf
 from drift.apps.serve.form_routes import FormRoutes
 from drift.apps.serve.gate import Gate, Secret
 from drift.apps.serve.jobs import KINDS, Jobs, Limits
+from drift.apps.serve.search_routes import SearchRoutes
 from drift.case import file as case_file
 from drift.case import template
 from geo.files import fence
@@ -272,6 +273,7 @@ def make(
     jobs = Jobs(folder, allowed, limits)
     desk = Desk(folder, secret, jobs)
     form = FormRoutes(folder, allowed, limits)
+    search = SearchRoutes(folder, form)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -293,6 +295,7 @@ def make(
         Route("/api/jobs", desk.job_new, methods=["POST"]),
         Route("/api/jobs/{number:int}/cancel", desk.job_cancel, methods=["POST"]),
         *form.routes(),
+        *search.routes(),
         Route("/runs/{run}/{key}/{name}", desk.file),
     ]
     return Gate(Starlette(routes=routes, lifespan=lifespan), places, secret)
