@@ -23,8 +23,8 @@ import smallest
 import xarray as xr
 
 from drift.case.forcing.uncertainty import CURRENT
-from drift.engine.motion import buoy_errors
-from drift.engine.motion.buoy_errors import Fixes, Law
+from drift.engine.motion.errors import buoy_errors
+from drift.engine.motion.errors.buoy_errors import Fixes, Law
 from geo import sphere
 
 HOURS = (6, 12, 24, 48)

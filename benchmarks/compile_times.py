@@ -24,7 +24,7 @@ import smallest
 from rich.console import Console
 from rich.table import Table
 
-from drift.engine.motion.drift import COLUMNS
+from drift.engine.motion.models.drift import COLUMNS
 from drift.engine.motion.period import Period
 from drift.engine.motion.steering import itinerary_tables
 from drift.engine.motion.steering import steer as steering

@@ -6,7 +6,7 @@ table.
 
 The case is the kayaker off Portsall of ../shared/data/faults/kayak.toml without its sorties and its
 belief: errors of the current of 0.3 m/s over 6 h, a paddle found after 22 h and known to 0.2 nmi.
-The brute force (tests/oracles/finds.py) moves as many pairs of object and paddle as are asked for
+The brute force (tests/oracles/second_opinions/finds.py) moves as many pairs of object and paddle as are asked for
 in float64 NumPy, with GSHHG in shapely's tree, and shares no code with the program. Compared are
 the evidence of each scenario, its probability, and the mean and covariance of where the object is:
 in standard errors of their difference. Exits 1 where one is beyond 4, or where fewer than 5 % of
@@ -27,10 +27,12 @@ import smallest
 from rich.console import Console
 from rich.table import Table
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "oracles" / "second_opinions"))
+
+import finds
+import oracle
 
 import drift
-from tests.oracles import finds, oracle
 
 CASE = Path(__file__).with_suffix(".toml")
 NAMES = {"on his kayak": ("PERSON-POWERED-VESSEL-1", 0.6), "in the water": ("PIW-1", 0.4)}

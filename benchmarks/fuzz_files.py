@@ -20,7 +20,11 @@ from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests" / "oracles"), str(ROOT / "tests" / "geo" / "files"), str(ROOT)]
+sys.path[:0] = [
+    str(ROOT / "tests" / "oracles" / "files"),
+    str(ROOT / "tests" / "geo" / "files"),
+    str(ROOT),
+]
 
 import model_writers
 import numpy as np

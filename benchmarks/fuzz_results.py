@@ -23,7 +23,10 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests" / "oracles"), str(ROOT)]
+sys.path[:0] = [
+    *(str(ROOT / "tests" / "oracles" / kind) for kind in ("files", "spill_cases")),
+    str(ROOT),
+]
 
 import finished
 import numpy as np

@@ -15,7 +15,7 @@ import smallest
 from rich.console import Console
 from rich.table import Table
 
-from drift.engine.motion.drift import COLUMNS
+from drift.engine.motion.models.drift import COLUMNS
 from drift.engine.particles import ensemble as record
 from drift.evidence.filter import patterns
 from drift.evidence.filter.detection import laws, sensor_path

@@ -23,7 +23,7 @@ import smallest
 from rich.console import Console
 from rich.table import Table
 
-from drift.engine.motion.drift import COLUMNS
+from drift.engine.motion.models.drift import COLUMNS
 from drift.engine.particles import ensemble as record
 from geo import sphere
 from geo.box import Box

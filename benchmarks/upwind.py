@@ -13,8 +13,8 @@ import argparse
 import numpy as np
 import smallest
 
-from drift.engine.motion import leeway
-from drift.engine.motion.drift import COLUMNS
+from drift.engine.motion.models.drift import COLUMNS
+from drift.engine.motion.objects import leeway
 from drift.engine.particles import ensemble as record
 from kernels.maths.noise import key
 from kernels.runtime import runtime

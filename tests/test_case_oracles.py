@@ -1,5 +1,5 @@
 """Every shipped case without sorties and finds against a second opinion in plain float64
-(tests/oracles/oracle.py).
+(tests/oracles/second_opinions/oracle.py).
 
 No oracle is had for worlds that finds weigh (gulf_containers) and for what refloats (paria): here
 they run without. The areas of what is partly ashore are none either: they hold cells of the map

@@ -1,5 +1,5 @@
 """Shipped cases and their sorties against a second opinion in plain float64
-(tests/oracles/oracle.py).
+(tests/oracles/second_opinions/oracle.py).
 """
 
 import itertools

@@ -1,5 +1,5 @@
 """Case pacsearch, 300 scenarios, four arrays and two contacts, against a second opinion that draws
-what is heard (tests/oracles/pacific.py).
+what is heard (tests/oracles/second_opinions/pacific.py).
 """
 
 import itertools

@@ -1,5 +1,5 @@
 """Shipped cases of targets that steer, against a second opinion in plain float64
-(tests/oracles/passages.py).
+(tests/oracles/second_opinions/passages.py).
 
 Had nothing been searched or seen: at two times, by scenario, what has become of them, where they
 are on average, and second moments. Then, given all that was: the posterior of the scenarios, mean

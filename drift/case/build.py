@@ -29,9 +29,9 @@ from drift.case.values import units
 from drift.case.values.mistakes import Mistakes
 from drift.engine.environment.environment_spec import Coast
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
-from drift.engine.motion.buoys import BuoyTrack, PointReport
-from drift.engine.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
-from drift.engine.motion.leeway import Drifter
+from drift.engine.motion.errors.buoys import BuoyTrack, PointReport
+from drift.engine.motion.errors.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
+from drift.engine.motion.objects.leeway import Drifter
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter import filling
 from drift.evidence.filter.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit

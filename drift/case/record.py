@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from drift.case.expect import Expect
 from drift.engine.environment.environment_spec import Coast
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
-from drift.engine.motion.buoys import BuoyTrack, PointReport
-from drift.engine.motion.forcing_error import Errors, ForcingError
+from drift.engine.motion.errors.buoys import BuoyTrack, PointReport
+from drift.engine.motion.errors.forcing_error import Errors, ForcingError
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit

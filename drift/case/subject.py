@@ -18,9 +18,9 @@ from drift.case.schema import CaseTable
 from drift.case.spill import build_spill as build_spill
 from drift.case.values.mistakes import Mistakes
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
-from drift.engine.motion import own_motion
-from drift.engine.motion.leeway import Drifter
-from drift.engine.motion.own_motion import OwnMotion
+from drift.engine.motion.models import own_motion
+from drift.engine.motion.models.own_motion import OwnMotion
+from drift.engine.motion.objects.leeway import Drifter
 from drift.engine.motion.scenario import Change, Hazard, Scenario
 from drift.engine.motion.steering.itinerary import Itinerary, Phase, Spread, Ways
 from drift.spills.worlds.records import Find, Patrol, Spill
@@ -258,7 +258,7 @@ def _needs_forcing(model: str) -> bool:
     """Return whether a model of motion needs currents and winds."""
     if model == "drift" or own_motion.is_own(model):
         return True  # answered here, because importing the models loads the Taichi compiler
-    from drift.engine.motion.models import MODELS
+    from drift.engine.motion.models.by_name import MODELS
 
     return MODELS[model].forced
 

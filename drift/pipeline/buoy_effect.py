@@ -15,7 +15,7 @@ import numpy as np
 from drift.case.record import Case
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import scene, simulate
-from drift.engine.motion.buoys import Buoys, BuoyTrack
+from drift.engine.motion.errors.buoys import Buoys, BuoyTrack
 from drift.engine.motion.spool import SnapshotStore
 from drift.evidence.filter.records import Sensors
 from drift.forecast import build

@@ -1,7 +1,7 @@
 """Condition a run's errors of current and wind on its drifting buoys and its reports on scene.
 
 A report is compared with the forcing at its place and time. For buoys the forcing is sampled where each buoy was, for each scenario and member of an ensemble, and its
-displacements between fixes are compared with those by the forcing (drift.engine.motion.buoy_errors).
+displacements between fixes are compared with those by the forcing (drift.engine.motion.errors.buoy_errors).
 Before its first fix a buoy's place is that of the water that carried it there, by the likeliest
 forcing and the error that its own track shows.
 """
@@ -15,11 +15,11 @@ import numpy as np
 from drift.case.record import Case
 from drift.engine.environment import along_track, domain
 from drift.engine.environment.environment import Environment
-from drift.engine.motion import buoy_errors
-from drift.engine.motion import buoys as on_scene
-from drift.engine.motion.buoy_errors import Fixes, Law
-from drift.engine.motion.buoys import Buoys, BuoyTrack
 from drift.engine.motion.clock import Clock
+from drift.engine.motion.errors import buoy_errors
+from drift.engine.motion.errors import buoys as on_scene
+from drift.engine.motion.errors.buoy_errors import Fixes, Law
+from drift.engine.motion.errors.buoys import Buoys, BuoyTrack
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.scene import Scene
 from drift.pipeline import reports as reported

@@ -20,7 +20,7 @@ from drift.engine.environment import ambient, environment
 from drift.engine.environment.ambient import Flow
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import changes, scene, simulate
-from drift.engine.motion.buoys import BuoyTrack, PointReport
+from drift.engine.motion.errors.buoys import BuoyTrack, PointReport
 from drift.engine.motion.forcing import Sources
 from drift.engine.motion.spool import SnapshotStore
 from drift.engine.particles import life

@@ -8,7 +8,7 @@ import numpy as np
 
 from drift.case.record import Case
 from drift.engine.environment.environment import Environment
-from drift.engine.motion.buoys import Buoys, PointReport
+from drift.engine.motion.errors.buoys import Buoys, PointReport
 from drift.pipeline import buoy_effect
 from drift.products.files.chapter import OutputBundle
 from drift.products.maps.marks import Mark

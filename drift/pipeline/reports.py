@@ -7,8 +7,8 @@ import numpy as np
 from drift.case.record import Case
 from drift.engine.environment import along_track
 from drift.engine.environment.environment import Environment
-from drift.engine.motion.buoy_errors import Sight
-from drift.engine.motion.buoys import PointReport
+from drift.engine.motion.errors.buoy_errors import Sight
+from drift.engine.motion.errors.buoys import PointReport
 from drift.engine.motion.forcing import Forcing
 from geo import notation, sphere
 from geo.array import Array

@@ -11,8 +11,8 @@ from drift.case.record import Case
 from drift.engine.environment import coastline
 from drift.engine.environment.environment import Environment
 from drift.engine.environment.environment_spec import Coast
-from drift.engine.motion import forcing_error
-from drift.engine.motion.leeway import Drifter
+from drift.engine.motion.errors import forcing_error
+from drift.engine.motion.objects.leeway import Drifter
 from drift.engine.motion.scenario import Scenario
 from drift.engine.particles.status import Status
 from drift.forecast import likeliest

@@ -17,12 +17,13 @@ from drift.engine.environment import coastline, domain, environment, hazards, lo
 from drift.engine.environment.environment import Common, Environment
 from drift.engine.environment.environment_spec import Coast, EnvironmentSpec
 from drift.engine.environment.silence import AtEnd
-from drift.engine.motion import buoys as on_scene
-from drift.engine.motion import changes, models, prior, step_size
-from drift.engine.motion.buoys import Buoys
+from drift.engine.motion import changes, prior, step_size
 from drift.engine.motion.clock import Clock
 from drift.engine.motion.ensemble_spec import EnsembleSpec, Release
+from drift.engine.motion.errors import buoys as on_scene
+from drift.engine.motion.errors.buoys import Buoys
 from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.models import by_name as models
 from drift.engine.motion.period import ClockSpec
 from drift.engine.motion.scene import Scene
 from drift.engine.motion.spool import SnapshotStore

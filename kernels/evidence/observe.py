@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels.evidence import touch
+from kernels.evidence import bridge_touch as touch
 from kernels.maths import angles, noise, sphere
 from kernels.runtime import batch, rows, runtime
 from kernels.steering import pieces
@@ -125,7 +125,7 @@ def _known(
     variance: ti.f32,
     corners: ti.template(),
 ) -> f32x4:
-    """Return (state, p, before, after) of a piece from a to b; see kernels.evidence.touch.polyline.
+    """Return (state, p, before, after) of a piece from a to b; see kernels.evidence.bridge_touch.polyline.
 
     p is the probability of a change: a touch, or leaving the area.
     """

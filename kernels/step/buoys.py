@@ -1,6 +1,6 @@
 """Errors of current and wind that particles share with drifting buoys whose tracks are known.
 
-The errors at the buoys are Ornstein-Uhlenbeck processes (drift.engine.motion.buoy_errors). Given the
+The errors at the buoys are Ornstein-Uhlenbeck processes (drift.engine.motion.errors.buoy_errors). Given the
 tracks they have a mean, the same for all particles, and a deviation from it, which each particle
 draws for itself: a linear Gaussian process that is advanced once a step. What a particle shares with
 the buoys are their innovations: the normals of its own error in a step are correlated with theirs,
@@ -162,7 +162,7 @@ def _weigh(
     for b in range(buoys):
         for j in range(width):
             share = held.apart[b, j] / length
-            # drift.engine.motion.buoy_errors.POWER
+            # drift.engine.motion.errors.buoy_errors.POWER
             held.near[b, j] = ti.exp(-share * ti.sqrt(share))
     for j in range(width):
         held.own[0, j] = 1.0

@@ -15,10 +15,10 @@ from typing import Any
 import cuda_stub
 import pytest
 import variants
-from places import ROOT
+from places import HELPERS, ROOT
 
 COMMAND = [sys.executable, str(ROOT / "tests" / "oracles" / "variants.py")]
-HERE = os.pathsep.join(map(str, [ROOT, ROOT / "tests" / "oracles"]))
+HERE = os.pathsep.join(map(str, [ROOT, *HELPERS]))
 PARTS = 2  # they may run side by side
 
 

@@ -11,7 +11,7 @@ from raft_case import CASE, load, with_prior
 
 from drift.case import file as case_file
 from drift.engine.environment.forcing_spec import Slices
-from drift.engine.motion import leeway
+from drift.engine.motion.objects import leeway
 from drift.engine.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from geo import sphere
 from geo.box import Box

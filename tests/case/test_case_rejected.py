@@ -9,8 +9,8 @@ from raft_case import CASE, load, refusal, with_prior
 
 from drift.case import file as case_file
 from drift.case.scenario import scenario
-from drift.engine.motion.drift import DRIFT
-from drift.engine.motion.models import MODELS
+from drift.engine.motion.models.by_name import MODELS
+from drift.engine.motion.models.drift import DRIFT
 from geo.errors import UserError
 
 REFUSED: list[tuple[dict[str, str], str]] = [

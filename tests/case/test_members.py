@@ -13,7 +13,7 @@ from drift.apps.check import check
 from drift.apps.cli import commands
 from drift.case.forcing import uncertainty
 from drift.engine.environment import domain
-from drift.engine.motion.forcing_error import DEFAULT, MEMBERS, NOWHERE
+from drift.engine.motion.errors.forcing_error import DEFAULT, MEMBERS, NOWHERE
 from drift.pipeline import run_metadata, run_setup
 from geo.errors import UserError
 

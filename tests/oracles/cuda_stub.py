@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from places import ROOT
+from places import HELPERS, ROOT
 
 SOURCE = ROOT / "tests" / "backends" / "cuda_stub.c"
 
@@ -31,7 +31,7 @@ def environment(driver: Path, out: Path, capability: int = 90) -> dict[str, str]
         "LD_LIBRARY_PATH": str(driver),
         "CUDA_STUB_OUT": str(out),
         "CUDA_STUB_CC": str(capability),
-        "PYTHONPATH": os.pathsep.join(map(str, [ROOT, ROOT / "tests" / "oracles"])),
+        "PYTHONPATH": os.pathsep.join(map(str, [ROOT, *HELPERS])),
     }
 
 

@@ -95,6 +95,11 @@ def until(happened: Any, seconds: float) -> Any:
     raise AssertionError(f"not in {seconds} s")
 
 
+def on_map(page: Any, value: str) -> Any:
+    """Return what the module of the page's map has: an expression of `sea`, its exports."""
+    return page.evaluate(f"import('/assets/map.js').then((sea) => {value})")
+
+
 def finished(place: Path, title: str = "a run", **files: str) -> None:
     """Lay a whole result of a run into a folder."""
     place.mkdir()

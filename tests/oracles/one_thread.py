@@ -11,7 +11,7 @@ import sys
 import tempfile
 from typing import Any
 
-from places import ROOT
+from places import HELPERS, ROOT
 
 SERVER = """
 import json, os, sys, traceback
@@ -43,7 +43,7 @@ class Process:
         """Run Python there, which finds `given`; return what it leaves in `answer`."""
         if self._running is None:
             self._running = subprocess.Popen(
-                [sys.executable, "-c", SERVER, str(ROOT), str(ROOT / "tests" / "oracles")],
+                [sys.executable, "-c", SERVER, *map(str, [ROOT, *HELPERS])],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._said,

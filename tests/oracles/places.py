@@ -6,4 +6,6 @@ import os
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+# the folders of what tests share, for the path of another process
+HELPERS = [Path(__file__).parent, *sorted(Path(__file__).parent.glob("[a-z]*/"))]
 DATA = Path(os.environ.get("DRIFT_DATA") or ROOT.parent / "shared" / "data")

@@ -11,7 +11,7 @@ from buoys import conditioned
 import drift
 from drift.case import file as case_file
 from drift.engine.motion import simulate
-from drift.engine.motion.buoy_errors import Fixes, Law, correlation
+from drift.engine.motion.errors.buoy_errors import Fixes, Law, correlation
 from drift.pipeline import buoy_effect, run_setup
 from geo import sphere
 from geo.errors import UserError

@@ -9,8 +9,8 @@ import numpy as np
 
 from drift.apps.check import outlook, voyage
 from drift.case.record import Case
-from drift.engine.motion.buoys import BuoyTrack, PointReport
-from drift.engine.motion.leeway import COAST_GUARD
+from drift.engine.motion.errors.buoys import BuoyTrack, PointReport
+from drift.engine.motion.objects.leeway import COAST_GUARD
 from drift.engine.motion.scenario import UNCHANGED, Change, Hazard, Scenario
 from drift.evidence.filter import contacts
 from drift.evidence.filter.records import Barrier, Contact, Field, Line, Look, Presence, Sortie

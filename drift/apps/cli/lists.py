@@ -53,8 +53,8 @@ NO_SEARCH_OBJECT = "no sweep width table fits; give sweep_width instead"
 
 def objects(args: argparse.Namespace) -> Answer:
     """List leeway classes, or search them."""
-    from drift.engine.motion import everyday
-    from drift.engine.motion.leeway import COAST_GUARD, Catalogue
+    from drift.engine.motion.objects import everyday
+    from drift.engine.motion.objects.leeway import COAST_GUARD, Catalogue
 
     words, known = " ".join(args.words), Catalogue()
     if args.catalogue:
@@ -137,7 +137,7 @@ def _shortened(names: list[str]) -> str:
 
 def _numbers(drifter: Any) -> dict[str, Any]:
     """Return a leeway class for programs, in SI units."""
-    from drift.engine.motion import everyday
+    from drift.engine.motion.objects import everyday
 
     found = everyday.search_objects(drifter.name)
     lines = {"downwind": drifter.down, "right": drifter.right, "left": drifter.left}

@@ -31,7 +31,10 @@ from geo.files import fence
 
 ASSETS = {
     "desk.css": ("drift.apps.serve", "text/css"),
-    **dict.fromkeys(("desk.js", "form.js", "map.js"), ("drift.apps.serve", "text/javascript")),
+    **{
+        f"{name}.js": ("drift.apps.serve", "text/javascript")
+        for name in ("desk", "editor", "form", "kit", "map", "sources")
+    },
     # the look and the map of report.html
     **dict.fromkeys(("ol.css", "page.css"), ("drift.products.report", "text/css")),
     **{
@@ -46,7 +49,9 @@ TYPES = {  # of files of runs that a browser shows; it saves all others
     ".toml": "text/plain; charset=utf-8",
     ".json": "application/json",
 }
-MEASURED = 'innerHTML="M"'
+# places where OpenLayers writes plain text by innerHTML, which our policy (Trusted Types) forbids:
+# where it measures letters, and in the scale line
+PLAIN_TEXT = ('innerHTML="M"', "innerElement_.innerHTML=")
 CHUNK = 2**18  # [bytes]
 
 
@@ -65,9 +70,9 @@ class Desk:
         home, kind = ASSETS.get(request.path_params["name"], ("", ""))
         if not home:
             return _error_response(404, "no such file")
-        # OpenLayers measures letters in an element that it fills by innerHTML, which our policy
-        # (Trusted Types) forbids
-        text = _asset(home, request.path_params["name"]).replace(MEASURED, 'textContent="M"')
+        text = _asset(home, request.path_params["name"])
+        for written in PLAIN_TEXT:
+            text = text.replace(written, written.replace("innerHTML", "textContent"))
         return Response(text, media_type=kind)
 
     async def list_folder(self, request: Request) -> Response:

@@ -19,7 +19,7 @@ from starlette.routing import Route
 from drift.apps.serve import form, names, shelf
 from drift.apps.serve.jobs import Limits
 from drift.apps.serve.warm import Overtaken, Warm
-from drift.engine.motion import everyday, leeway
+from drift.engine.motion.objects import everyday, leeway
 from geo.errors import UserError
 from geo.files import fence
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from drift.case.record import Case
 from drift.engine.environment.environment import Environment
-from drift.engine.motion.forcing_error import ForcingError
-from drift.engine.motion.leeway import Drifter, Line
-from drift.engine.motion.own_motion import OwnMotion
+from drift.engine.motion.errors.forcing_error import ForcingError
+from drift.engine.motion.models.own_motion import OwnMotion
+from drift.engine.motion.objects.leeway import Drifter, Line
 from drift.engine.motion.scenario import PositionPrior, Scenario
 from drift.engine.particles.ensemble import Ensemble
 from drift.engine.particles.members import COLUMN as MEMBER

@@ -21,7 +21,7 @@ from drift.case import file as case_file
 from drift.case.record import Case
 from drift.engine.environment import along_track
 from drift.engine.motion.forcing import Forcing
-from drift.engine.motion.own_motion import OwnMotion
+from drift.engine.motion.models.own_motion import OwnMotion
 from drift.pipeline import run_setup
 from drift.tracking.tracks.records import Track, breaks
 from geo import sphere

@@ -6,7 +6,7 @@ import numpy as np
 
 from drift.assess.verify import verification
 from drift.assess.verify.verification import Verification
-from drift.engine.motion import forcing_error
+from drift.engine.motion.errors import forcing_error
 from drift.tracking.tracks.clusters import Estimate
 from geo import notation, sphere
 from geo.notation import NMI

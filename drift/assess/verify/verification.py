@@ -20,7 +20,7 @@ from drift.assess.verify.starts import Start, Stranded
 from drift.case import file as case_file
 from drift.case.forcing import uncertainty
 from drift.case.record import Case
-from drift.engine.motion.forcing_error import NOWHERE, ForcingError
+from drift.engine.motion.errors.forcing_error import NOWHERE, ForcingError
 from drift.engine.particles.status import Status, on_map
 from drift.pipeline import many
 from drift.pipeline.run_options import JobOptions, Options, serialized

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator
 
 from drift.case.values import fields
 from drift.engine.environment.forcing_spec import ForcingSpec
-from drift.engine.motion.forcing_error import (
+from drift.engine.motion.errors.forcing_error import (
     CASE,
     DEFAULT,
     HOUR,

@@ -17,8 +17,8 @@ from drift.case.forcing import sources
 from drift.case.scenario.objects import LineTable, lines_of
 from drift.case.values import fields, messages, mistakes
 from drift.case.values.mistakes import Mistakes
-from drift.engine.motion import leeway
-from drift.engine.motion.leeway import STOKES, WATER, Catalogue, Drifter
+from drift.engine.motion.objects import leeway
+from drift.engine.motion.objects.leeway import STOKES, WATER, Catalogue, Drifter
 from geo.errors import UserError
 from geo.files import small
 

@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import BeforeValidator, PrivateAttr, ValidationInfo, model_validator
 
 from drift.case.values import fields
-from drift.engine.motion import leeway
-from drift.engine.motion.leeway import Catalogue, Drifter, Line
+from drift.engine.motion.objects import leeway
+from drift.engine.motion.objects.leeway import Catalogue, Drifter, Line
 from drift.evidence.filter.detection import sweep_width
 from geo import notation
 from geo.errors import UserError

@@ -22,9 +22,9 @@ from drift.case.sonar.sonar import SourceLevel
 from drift.case.values import fields, units
 from drift.case.values.mistakes import Mistakes
 from drift.case.values.places import AreaTable, PositionTable
-from drift.engine.motion import own_motion
-from drift.engine.motion.leeway import WATER, Drifter, Line
-from drift.engine.motion.own_motion import OwnMotion
+from drift.engine.motion.models import own_motion
+from drift.engine.motion.models.own_motion import OwnMotion
+from drift.engine.motion.objects.leeway import WATER, Drifter, Line
 from drift.engine.motion.scenario import JIBE_RATE, Change, ReleasePrior, TracklinePrior
 from drift.engine.motion.steering.itinerary import Itinerary
 from geo import notation, sphere

@@ -12,7 +12,7 @@ from drift.case.forcing import sources
 from drift.case.tracking import reading
 from drift.case.values import fields, gpx, units
 from drift.case.values.mistakes import Mistakes
-from drift.engine.motion.buoys import BuoyTrack
+from drift.engine.motion.errors.buoys import BuoyTrack
 from drift.engine.motion.scenario import Scenario
 from drift.tracking.tracks import records
 from drift.tracking.tracks.records import Track

@@ -9,8 +9,8 @@ from drift.case.context import Run, build_each
 from drift.case.forcing.sources import Vector
 from drift.case.search import drifter
 from drift.case.values import fields, units
-from drift.engine.motion.buoys import PointReport
-from drift.engine.motion.forcing_error import ForcingError
+from drift.engine.motion.errors.buoys import PointReport
+from drift.engine.motion.errors.forcing_error import ForcingError
 from drift.engine.motion.scenario import Scenario
 from geo import notation, sphere
 from geo.errors import UserError

@@ -12,8 +12,8 @@ import numpy as np
 
 from drift.engine.environment import sailable
 from drift.engine.environment.environment_spec import Coast
-from drift.engine.motion import models
 from drift.engine.motion.ensemble_spec import EnsembleSpec
+from drift.engine.motion.models import by_name as models
 from geo import notation, sphere
 from geo.array import Array
 from geo.box import Box

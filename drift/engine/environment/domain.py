@@ -10,9 +10,9 @@ import numpy as np
 
 from drift.engine.environment.environment_spec import EnvironmentSpec
 from drift.engine.environment.forcing_spec import ForcingSpec
-from drift.engine.motion import drift
 from drift.engine.motion.ensemble_spec import EnsembleSpec
-from drift.engine.motion.models import model_of
+from drift.engine.motion.models import drift
+from drift.engine.motion.models.by_name import model_of
 from drift.engine.motion.scenario import Scenario
 from geo import sphere
 from geo.box import Box

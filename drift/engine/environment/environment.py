@@ -14,9 +14,9 @@ from drift.engine.environment import coastline, domain
 from drift.engine.environment.environment_spec import EnvironmentSpec
 from drift.engine.environment.forcing_spec import ForcingSpec
 from drift.engine.environment.forcing_spec import options as source_options
-from drift.engine.motion import models
 from drift.engine.motion.ensemble_spec import EnsembleSpec
 from drift.engine.motion.forcing import Sources
+from drift.engine.motion.models import by_name as models
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import Scenario
 from geo import notation

@@ -20,7 +20,7 @@ from matplotlib.path import Path as Outline
 
 from drift.engine.environment import corridors
 from drift.engine.environment.ambient import Flow
-from drift.engine.motion.buoys import BuoyTrack, PointReport
+from drift.engine.motion.errors.buoys import BuoyTrack, PointReport
 from drift.engine.motion.scenario import Scenario
 from drift.engine.motion.steering import family
 from drift.engine.motion.steering import lanes as network_of

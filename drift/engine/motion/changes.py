@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drift.engine.motion.leeway import Drifter, Line
+from drift.engine.motion.objects.leeway import Drifter, Line
 from drift.engine.motion.scenario import UNCHANGED, Change, Scenario, Survival
 from drift.engine.motion.steering.itinerary import Spread
 from drift.engine.particles.ensemble import Column, Ensemble, Slots

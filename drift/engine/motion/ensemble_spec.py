@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from drift.engine.motion.forcing_error import Errors
-from drift.engine.motion.leeway import Drifter
+from drift.engine.motion.errors.forcing_error import Errors
+from drift.engine.motion.objects.leeway import Drifter
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import Scenario
 
@@ -38,7 +38,7 @@ class EnsembleSpec:
     members: tuple[str, ...] = ()
     # finds of debris toward which particles are guided: drift.evidence.filter.debris.guide
     guiding: int = 0
-    # buoys on scene, and states of the errors at them: drift.engine.motion.buoys
+    # buoys on scene, and states of the errors at them: drift.engine.motion.errors.buoys
     buoys: tuple[int, int] = (0, 0)
 
     @property

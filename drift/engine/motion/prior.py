@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drift.engine.motion import buoys, guided, models
+from drift.engine.motion import guided
 from drift.engine.motion.ensemble_spec import EnsembleSpec
-from drift.engine.motion.models import model_of
+from drift.engine.motion.errors import buoys
+from drift.engine.motion.models import by_name as models
+from drift.engine.motion.models.by_name import model_of
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.engine.motion.steering import steer

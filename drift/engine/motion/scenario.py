@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from drift.engine.motion.leeway import Drifter
+from drift.engine.motion.objects.leeway import Drifter
 from drift.engine.motion.steering.family import InFamily
 from drift.engine.motion.steering.itinerary import Itinerary, Spread
 from geo import sphere
@@ -245,7 +245,7 @@ class Scenario:
     prior: ReleasePrior | None  # where it begins; None: at the first way point of its itinerary
     sources: Mapping[str, tuple[str, ...]]  # their names by quantity, in order of priority
     search_object: str | None = None  # the object's name in the sweep width tables
-    model: str = "drift"  # model of motion: drift.engine.motion.models
+    model: str = "drift"  # model of motion: drift.engine.motion.models.by_name
     motion: Any = None  # parameters that only the model reads
     survival: Survival | None = None
     # how it steers until its distress; None: it is adrift from the start

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drift.engine.motion import buoys as on_scene
 from drift.engine.motion import guided
-from drift.engine.motion.buoys import Buoys
+from drift.engine.motion.errors import buoys as on_scene
+from drift.engine.motion.errors.buoys import Buoys
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.guided import Guided
-from drift.engine.motion.model import Group, Model, Motion, Waters
+from drift.engine.motion.models.model import Group, Model, Motion, Waters
 from drift.engine.motion.steering.steer import Helm, Steering
 from drift.engine.particles import life
 from drift.engine.particles.ensemble import Device, Ensemble

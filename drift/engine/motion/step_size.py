@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drift.engine.motion.clock import NEVER, Clock, lattice, off_lattice_times
-from drift.engine.motion.forcing_error import Errors
+from drift.engine.motion.errors.forcing_error import Errors
 from drift.engine.motion.period import ClockSpec, Period
 from drift.engine.motion.scene import Begin, Scene
 from drift.engine.particles import ensemble as record

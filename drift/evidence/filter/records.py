@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from drift.engine.motion.leeway import Drifter
+from drift.engine.motion.objects.leeway import Drifter
 from drift.evidence.sensors.records import Sensor
 from geo.polyline import Area, Legs
 

@@ -17,8 +17,8 @@ from drift.case.record import Case
 from drift.engine.environment import lost
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import simulate
-from drift.engine.motion.buoys import Buoys
 from drift.engine.motion.clock import Clock
+from drift.engine.motion.errors.buoys import Buoys
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.scene import Scene
 from drift.engine.motion.spool import ShardFile, SnapshotStore

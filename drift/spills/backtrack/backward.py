@@ -47,9 +47,10 @@ import xarray as xr
 
 from drift.engine.environment import domain
 from drift.engine.environment.environment import Environment
-from drift.engine.motion import models, simulate, step_size
+from drift.engine.motion import simulate, step_size
 from drift.engine.motion.ensemble_spec import EnsembleSpec
 from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.models import by_name as models
 from drift.engine.motion.period import ClockSpec, Period
 from drift.engine.motion.scenario import TrackPrior
 from drift.engine.motion.scene import Scene

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from drift.engine.motion import drift
 from drift.engine.motion.ensemble_spec import EnsembleSpec
-from drift.engine.motion.leeway import AIR_IN_WATER
+from drift.engine.motion.models import drift
+from drift.engine.motion.objects.leeway import AIR_IN_WATER
 from drift.engine.motion.period import Period
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.ensemble import Ensemble

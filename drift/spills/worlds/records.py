@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.engine.motion.leeway import Drifter
+from drift.engine.motion.objects.leeway import Drifter
 from drift.engine.motion.scenario import ReleasePrior
 
 DAY = 86_400.0  # [s]

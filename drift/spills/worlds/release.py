@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from drift.engine.motion import drift
-from drift.engine.motion.forcing_error import Errors
-from drift.engine.motion.leeway import AIR_IN_WATER
+from drift.engine.motion.errors.forcing_error import Errors
+from drift.engine.motion.models import drift
+from drift.engine.motion.objects.leeway import AIR_IN_WATER
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import TrackPrior
 from drift.engine.particles import ensemble as record

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from desks import Server, until
+from desks import Server, on_map, until
 
 pytestmark = pytest.mark.browser
 
@@ -72,7 +72,7 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
     becomes("1 nmi", "scenario", 0, "position", "error")
     # the map has gone there: its middle, clicked, is within a mile
     until(
-        lambda: abs(page.evaluate("sea.map.inverse(sea.view.getCenter())[1]") - 50.0367) < 0.01, 60
+        lambda: abs(on_map(page, "sea.map.inverse(sea.view.getCenter())[1]") - 50.0367) < 0.01, 60
     )
     page.get_by_role("button", name="Click on the map").first.click()
     page.locator("#map").click(position={"x": 120, "y": 330})
@@ -103,11 +103,11 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
     told = page.locator("#headline")
     until(lambda: told.inner_text() not in ("", "Making a first map ..."), 120)
     assert told.inner_text().startswith("First map, of few particles"), told.inner_text()
-    assert page.evaluate("sea.shown.times.length") == 3  # every 3 h of 6
+    assert on_map(page, "sea.shown.times.length") == 3  # every 3 h of 6
     page.get_by_role("button", name="Earlier").click()
     assert page.locator("#now").inner_text() == "281534ZNOV26 (+3 h)"
     assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[size]["width"]
-    found = page.evaluate("sea.shown.areas.every.length")
+    found = on_map(page, "sea.shown.areas.every.length")
     assert found == 9  # three areas at each of three times
     assert complaints == []
     assert outside == []

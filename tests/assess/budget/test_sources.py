@@ -10,7 +10,7 @@ import trial_case
 
 import drift
 from drift.assess.budget import sources
-from drift.engine.motion.leeway import find_class
+from drift.engine.motion.objects.leeway import find_class
 from drift.pipeline import run_setup
 
 CONCAVE = [[-88.0, 27.0], [-87.0, 27.0], [-87.0, 28.0], [-87.1, 28.0], [-87.1, 27.1], [-88.0, 27.1]]

@@ -11,7 +11,7 @@ import trial_case
 import drift
 from drift.apps.cli import commands
 from drift.case.scenario import catalogue
-from drift.engine.motion import leeway
+from drift.engine.motion.objects import leeway
 from drift.pipeline import run_metadata, run_setup
 from geo.errors import UserError
 

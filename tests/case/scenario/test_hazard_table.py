@@ -3,15 +3,16 @@
 import re
 from pathlib import Path
 
+import hazards
 import numpy as np
 import pytest
+import trial_case
 
 import drift
 from drift.case.scenario.hazard import HazardTable
 from drift.pipeline import run_setup
 from geo.errors import UserError
 from kernels.runtime import runtime
-from tests.oracles import hazards, trial_case
 
 LON, LAT = np.linspace(-89.13, -86.07, 13), np.linspace(26.31, 28.47, 9)
 VOYAGE = {

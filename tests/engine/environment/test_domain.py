@@ -10,7 +10,7 @@ import trial_case
 from pyproj import Geod
 
 from drift.engine.environment import domain, environment
-from drift.engine.motion import leeway
+from drift.engine.motion.objects import leeway
 from drift.pipeline import run_setup
 from geo import sphere
 from geo.box import Box

@@ -12,10 +12,10 @@ import trial_case
 
 import drift
 from drift.engine.environment import coastline, domain, environment
-from drift.engine.motion import leeway
-from drift.engine.motion.drift import DRIFT
 from drift.engine.motion.ensemble_spec import EnsembleSpec
-from drift.engine.motion.models import MODELS
+from drift.engine.motion.models.by_name import MODELS
+from drift.engine.motion.models.drift import DRIFT
+from drift.engine.motion.objects import leeway
 from drift.engine.particles.status import Status
 from drift.pipeline import run_setup
 from geo import sphere

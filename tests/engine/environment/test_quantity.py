@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from pydantic import Field, create_model
+from small_case import STEADY, field
 
 import drift
 from drift.apps.cli import grammar
@@ -31,7 +32,6 @@ from geo.errors import UserError
 from geo.forcing import describe, sources
 from geo.forcing.quantity import QUANTITIES, Quantity, number_names, velocities
 from kernels.step.features import FORCING
-from tests.oracles.small_case import STEADY, field
 
 NAMES = ("eastward_sea_ice_velocity", "northward_sea_ice_velocity")
 ICE = Quantity(

@@ -10,9 +10,9 @@ import shapely
 import drift
 from drift.engine.motion import scene, simulate
 from drift.engine.motion.clock import Clock
-from drift.engine.motion.drift import COLUMNS, DRIFT, LEEWAY
 from drift.engine.motion.forcing import Forcing, Sources
-from drift.engine.motion.model import Motion
+from drift.engine.motion.models.drift import COLUMNS, DRIFT, LEEWAY
+from drift.engine.motion.models.model import Motion
 from drift.engine.motion.scene import Scene
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.ensemble import Ensemble

@@ -142,7 +142,7 @@ def test_times_that_the_case_gives(tmp_path: Path) -> None:
 
 def test_the_lines_of_the_new_class_are_its_published_ones(tmp_path: Path) -> None:
     """Means and spreads of the slopes that are drawn at the change: of PIW-1, from its row."""
-    from drift.engine.motion import leeway
+    from drift.engine.motion.objects import leeway
 
     change = {"name": "in the water", "at": "+10 min", "object": "PIW-1"}
     ensemble = end_of(tmp_path, [change], duration="1 h", particles=8000)

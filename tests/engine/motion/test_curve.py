@@ -8,9 +8,9 @@ import shapely
 
 from drift.engine.motion import simulate, step_size
 from drift.engine.motion.clock import Clock, off_lattice_times
-from drift.engine.motion.drift import COLUMNS, DRIFT
 from drift.engine.motion.forcing import Forcing, Sources
-from drift.engine.motion.model import Motion
+from drift.engine.motion.models.drift import COLUMNS, DRIFT
+from drift.engine.motion.models.model import Motion
 from drift.engine.motion.scene import Kept, Scene
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.status import Status

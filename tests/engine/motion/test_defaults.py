@@ -15,7 +15,7 @@ from silent_case import HEAD, RAFT, load
 import drift
 from drift.apps.cli.commands import main
 from drift.case.forcing import uncertainty
-from drift.engine.motion.forcing_error import ForcingError
+from drift.engine.motion.errors.forcing_error import ForcingError
 from drift.pipeline import run_metadata
 from drift.products.files import drawing
 from drift.products.maps import page

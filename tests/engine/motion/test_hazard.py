@@ -4,8 +4,10 @@ and hazard on a fine lattice in float64, also across the antimeridian.
 
 from pathlib import Path
 
+import hazards
 import numpy as np
 import pytest
+import trial_case
 from scipy import stats
 
 import drift
@@ -13,7 +15,6 @@ from drift.engine.motion import prior
 from drift.pipeline import run_setup
 from geo import sphere
 from kernels.runtime import runtime
-from tests.oracles import hazards, trial_case
 
 N = 40_000
 PLACES = {"Gulf": (-86.63, 27.21), "antimeridian": (179.41, -16.37)}

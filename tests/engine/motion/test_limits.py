@@ -9,9 +9,9 @@ from scipy.integrate import solve_ivp
 
 from drift.engine.motion import simulate
 from drift.engine.motion.clock import Clock
-from drift.engine.motion.drift import COLUMNS, DRIFT
 from drift.engine.motion.forcing import Forcing, Sources
-from drift.engine.motion.model import Motion
+from drift.engine.motion.models.drift import COLUMNS, DRIFT
+from drift.engine.motion.models.model import Motion
 from drift.engine.motion.scene import Scene
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.status import Status

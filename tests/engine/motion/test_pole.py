@@ -12,7 +12,7 @@ import trial_case
 import xarray as xr
 
 import drift
-from drift.engine.motion.drift import COLUMNS
+from drift.engine.motion.models.drift import COLUMNS
 from drift.engine.particles import ensemble as record
 from geo import sphere
 from geo.grids.grid import Grid

@@ -11,8 +11,8 @@ from scipy import stats
 
 from drift.engine.motion import prior
 from drift.engine.motion.ensemble_spec import EnsembleSpec
-from drift.engine.motion.forcing_error import Errors, ForcingError
-from drift.engine.motion.leeway import Drifter, Line
+from drift.engine.motion.errors.forcing_error import Errors, ForcingError
+from drift.engine.motion.objects.leeway import Drifter, Line
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import (
     AreaPrior,

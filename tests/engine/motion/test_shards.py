@@ -10,8 +10,9 @@ import shards
 import spills
 
 import drift
-from drift.engine.motion import models, prior, simulate
+from drift.engine.motion import prior, simulate
 from drift.engine.motion.ensemble_spec import EnsembleSpec
+from drift.engine.motion.models import by_name as models
 from drift.engine.motion.scenario import Scenario
 from drift.engine.particles import ensemble as record
 from drift.engine.particles import weights

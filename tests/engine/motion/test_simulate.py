@@ -9,9 +9,9 @@ import pytest
 
 from drift.engine.motion import simulate, step_size
 from drift.engine.motion.clock import Clock
-from drift.engine.motion.drift import COLUMNS, DRIFT
 from drift.engine.motion.forcing import Forcing, Sources
-from drift.engine.motion.model import Motion
+from drift.engine.motion.models.drift import COLUMNS, DRIFT
+from drift.engine.motion.models.model import Motion
 from drift.engine.motion.scene import Begin, Scene
 from drift.engine.motion.step_size import LADDER
 from drift.engine.particles import ensemble as record

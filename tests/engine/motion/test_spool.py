@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drift.engine.motion import spool
-from drift.engine.motion.drift import COLUMNS
+from drift.engine.motion.models.drift import COLUMNS
 from drift.engine.motion.period import Period
 from drift.engine.motion.simulate import Moment
 from drift.engine.motion.spool import SnapshotStore

@@ -10,8 +10,9 @@ import pytest
 import spills
 from filtered import NORMAL, STILL, hours, load, run
 
-from drift.engine.motion import leeway, simulate
-from drift.engine.motion.forcing_error import ForcingError
+from drift.engine.motion import simulate
+from drift.engine.motion.errors.forcing_error import ForcingError
+from drift.engine.motion.objects import leeway
 from drift.engine.particles import ensemble as record
 from drift.engine.particles import resample
 from drift.engine.particles.status import Status

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from filtered import FLOW, METRES, flown, hours, legs, load, run
 
-from drift.engine.motion.drift import COLUMNS
+from drift.engine.motion.models.drift import COLUMNS
 from drift.engine.particles import ensemble as record
 from drift.evidence.filter.detection import sensor_path
 from drift.evidence.filter.records import (

@@ -10,9 +10,9 @@ from straight_shores import EVERYWHERE, METRE, T0, drift_on, jagged, land
 import drift
 from drift.engine.motion import simulate
 from drift.engine.motion.clock import Clock
-from drift.engine.motion.drift import COLUMNS, DRIFT
 from drift.engine.motion.forcing import Forcing, Sources
-from drift.engine.motion.model import Motion
+from drift.engine.motion.models.drift import COLUMNS, DRIFT
+from drift.engine.motion.models.model import Motion
 from drift.engine.motion.scene import Scene
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.status import Status

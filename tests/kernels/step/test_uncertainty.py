@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drift.engine.motion.drift import COLUMNS
+from drift.engine.motion.models.drift import COLUMNS
 from drift.engine.particles import ensemble as record
 from geo import sphere
 from geo.grids.grid import Grid

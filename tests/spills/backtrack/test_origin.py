@@ -31,9 +31,9 @@ from release_backward import (
 from drift.case.record import Case
 from drift.engine.motion import simulate
 from drift.engine.motion.clock import Clock
-from drift.engine.motion.drift import COLUMNS, DRIFT
 from drift.engine.motion.forcing import Forcing, Sources
-from drift.engine.motion.model import Motion
+from drift.engine.motion.models.drift import COLUMNS, DRIFT
+from drift.engine.motion.models.model import Motion
 from drift.engine.motion.scene import Scene
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.status import Status

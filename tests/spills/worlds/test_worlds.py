@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 import drift
-from drift.engine.motion import leeway
+from drift.engine.motion.objects import leeway
 from drift.spills.worlds import release, worlds
 from drift.spills.worlds.worlds import Proposal
 from geo import sphere
@@ -163,7 +163,7 @@ def test_a_world_scales_all_the_leeway_of_its_objects(released: Any) -> None:
     first, last = ensemble.scenarios[0]
     raft = leeway.find_class("LIFE-RAFT-DB-10")
     factor = drawn.windage[ensemble.world.to_numpy()[first:last]]
-    # the downwind line is cut at 0: tests/engine/motion/test_leeway.py
+    # the downwind line is cut at 0: tests/engine/motion/objects/test_leeway.py
     for side in ("right", "left"):
         line = getattr(raft, side)
         for what in ("slope", "offset"):

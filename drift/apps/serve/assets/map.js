@@ -1,205 +1,356 @@
-"use strict";
-// The map of the desk: the shoreline, what the case says of the place, and the areas of a sketch or a result.
-const sea = (() => {
-  const get = (id) => document.getElementById(id);
-  const target = get("map"), map = projected({ kind: "mercator", lon: 0, lat: 0 });
-  const source = () => new ol.source.Vector({ wrapX: false });
-  const layer = (from, zIndex, style) => new ol.layer.Vector({ source: from, zIndex, style, updateWhileAnimating: true });
-  const theme = () => document.documentElement.dataset.theme || "light";
-  const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+// The map: the shoreline, what the case says of the place, and the areas of a first map or a result. It goes round the Earth
+// without a seam: OpenLayers repeats the world, and shapes beyond 180 degrees are drawn on both sides.
+import { ask, get, guarded } from "./kit.js";
 
-  const land = source(), given = source(), particles = source(), likely = source();
-  const theLand = layer(land, 1);
-  const theGiven = layer(given, 30, (feature) => styled(feature.get("look"), { theme: theme() }));
-  const theParticles = layer(particles, 8, (feature) => styled(feature.get("look"), { theme: theme(), size: 0.7, opaque: 0.5 }));
-  const theLikely = layer(likely, 20, () => [...styled("datum", { theme: theme() }), ...titled("datum", { theme: theme(), label: "most likely" })]);
-  const view = new ol.View({ projection: map.projection, center: map.forward([0, 45]), resolution: 8000, minResolution: 2, maxResolution: 60000, enableRotation: false });
-  const chart = new ol.Map({
-    target, view, keyboardEventTarget: target, layers: [theLand, theParticles, theLikely, theGiven],
-    controls: ol.control.defaults.defaults({ rotate: false, attribution: false }),
-  });
-  const grid = graticule(map, view, chart);
+const target = get("map");
+export const map = projected({ kind: "mercator", lon: 0, lat: 0, around: true });
+const source = () => new ol.source.Vector({ wrapX: true });
+/** @param {VectorSource} from @param {number} zIndex @param {StyleLike} [style] */
+const layer = (from, zIndex, style) => new ol.layer.Vector({ source: from, zIndex, style, updateWhileAnimating: true });
+/** @returns {Theme} */
+const theme = () => (document.documentElement.dataset.theme === "dark" ? "dark" : "light");
+/** @param {string} name */
+const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-  function paint() {
-    theLand.setStyle(new ol.style.Style({ fill: new ol.style.Fill({ color: css("--land") }), stroke: new ol.style.Stroke({ color: css("--shore"), width: 0.8 }) }));
-    grid.paint({ line: tinted(css("--grid"), 0.6), ink: css("--ink"), halo: css("--halo") });
-    for (const one of [theGiven, theParticles, theLikely]) one.changed();
-    if (shown.areas) move(shown.index);
-  }
-  document.addEventListener("colours", paint);
+export const land = source();
+const given = source();
+const particles = source();
+const likely = source();
+const the_land = layer(land, 1);
+const the_given = layer(given, 30, (feature) => styled(feature.get("look"), { theme: theme() }));
+const the_particles = layer(particles, 8, (feature) => styled(feature.get("look"), { theme: theme(), size: 0.7, opaque: 0.5 }));
+const the_likely = layer(likely, 20, () => {
+  return [...styled("datum", { theme: theme() }), ...titled("datum", { theme: theme(), label: "most likely" })];
+});
+export const view = new ol.View({
+  projection: map.projection,
+  center: map.forward([0, 45]),
+  resolution: 8000,
+  minResolution: 2,
+  maxResolution: 60000,
+  enableRotation: false,
+});
+const scale = new ol.control.ScaleLine({ units: "nautical" });
+export const chart = new ol.Map({
+  target,
+  view,
+  keyboardEventTarget: target,
+  layers: [the_land, the_particles, the_likely, the_given],
+  controls: ol.control.defaults.defaults({ rotate: false, attribution: false }).extend([scale]),
+});
+const grid = graticule(map, view, chart);
 
-  // --- shoreline ---------------------------------------------------------------------------------------------------------
-  let wanted = 0, had = null;
-  const coast = desk_guard(async () => {
-    const size = chart.getSize();
-    if (!size || !size[0]) return;
-    const [x0, y0, x1, y1] = view.calculateExtent(size);
-    const [west, south] = map.inverse([x0, y0]), [east, north] = map.inverse([x1, y1]);
-    const fine = (view.getResolution() / R / RAD) * Math.cos(((south + north) / 2) * RAD);
-    const step = Math.min(1, Math.max(1e-4, 2 ** Math.floor(Math.log2(fine))));
-    if (had && had.step === step && west >= had.box[0] && south >= had.box[1] && east <= had.box[2] && north <= had.box[3]) return;
-    const [wide, high] = [0.5 * (east - west), 0.5 * (north - south)], middle = Math.max(-180, Math.min(180, (west + east) / 2));
-    const box = [Math.max(middle - 180, west - wide), Math.max(-89, south - high), Math.min(middle + 180, east + wide), Math.min(89, north + high)];
-    if (!(box[0] < box[2] && box[1] < box[3])) return;
-    const mine = ++wanted;
-    const told = await desk.ask("/api/coast", { box, step });
-    if (mine !== wanted) return;
-    had = { box, step };
-    land.clear(true);
-    land.addFeatures(told.features.map((one) => new ol.Feature(new ol.geom.Polygon(one.geometry.coordinates.map((ring) => ring.map(forward))))));
+/** What is shown of a first map or a result. */
+export const shown = {
+  areas: /** @type {Leaf | null} */ (null),
+  told: /** @type {Shown | null} */ (null),
+  times: /** @type {number[]} */ ([]), // [s since 1970]
+  index: 0,
+  playing: false,
+};
+
+/** Draw the map again in the colours of the page. */
+export function paint() {
+  const stroke = new ol.style.Stroke({ color: css("--shore"), width: 0.8 });
+  the_land.setStyle(new ol.style.Style({ fill: new ol.style.Fill({ color: css("--land") }), stroke }));
+  grid.paint({ line: tinted(css("--grid"), 0.6), ink: css("--ink"), halo: css("--halo") });
+  for (const one of [the_given, the_particles, the_likely]) one.changed();
+  if (shown.areas) move(shown.index);
+}
+
+// --- around the Earth ----------------------------------------------------------------------------------------------------
+/**
+ * Return points [deg] without a jump at 180 degrees, from the first one on: each lies within 180 degrees of the one before it.
+ * @param {Point[]} points
+ */
+function unbroken(points) {
+  let before = near(points[0]?.[0] ?? 0, 0);
+  return points.map(([lon, lat]) => {
+    before = near(lon, before);
+    return /** @type {Point} */ ([before, lat]);
   });
-  // Without the jump at 180 degrees: shapes continue beyond.
-  function forward([lon, lat]) {
-    const [, y] = map.forward([0, lat]);
-    return [R * RAD * lon, y];
-  }
-  function desk_guard(work) { return (...given) => desk.guarded(work)(...given); }
-  chart.on("moveend", () => {
-    coast();
-    const [lon, lat] = map.inverse(view.getCenter());
-    try { localStorage.setItem("view", JSON.stringify([lon, lat, view.getResolution()])); } catch { /* no storage here */ }
-  });
+}
+
+/**
+ * Return a shape of unbroken rings [deg] as often as it lies in the world from 180 W to 180 E: beyond, OpenLayers draws nothing
+ * that does not also lie within.
+ * @param {Point[][]} rings
+ */
+function copies(rings) {
+  const lons = rings.flat().map(([lon]) => lon);
+  const [west, east] = [Math.min(...lons), Math.max(...lons)];
+  const turns = [-360, 0, 360].filter((turn) => west + turn < 180 && east + turn > -180);
+  return turns.map((turn) => rings.map((ring) => ring.map(([lon, lat]) => map.forward([lon + turn, lat]))));
+}
+
+/** @param {Point} at */
+const spot = ([lon, lat]) => new ol.geom.Point(map.forward([near(lon, 0), lat]));
+
+/**
+ * Return the position [deg] of a point of the map.
+ * @param {number[]} at
+ * @returns {Point}
+ */
+function inverse(at) {
+  const [lon, lat] = map.inverse(at);
+  return [near(lon, 0), lat];
+}
+
+// --- shoreline -----------------------------------------------------------------------------------------------------------
+let wanted = 0;
+let had = /** @type {{box: number[], step: number} | null} */ (null);
+const coast = guarded(async () => {
+  const size = chart.getSize();
+  if (!size || !size[0]) return;
+  const [x0, y0, x1, y1] = view.calculateExtent(size);
+  const [[left, south], [right, north]] = [map.inverse([x0, y0]), map.inverse([x1, y1])];
+  const middle = near((left + right) / 2, 0);
+  const half = (right - left) / 2;
+  const fine = ((view.getResolution() ?? 1) / R / RAD) * Math.cos(((south + north) / 2) * RAD);
+  const step = Math.min(1, Math.max(1e-4, 2 ** Math.floor(Math.log2(fine))));
+  /** @param {number[]} box */
+  const holds = ([west, low, east, high]) => {
+    const about = near(middle, (west + east) / 2);
+    return about - half >= west && south >= low && about + half <= east && north <= high;
+  };
+  if (had && had.step === step && holds(had.box)) return;
+  const wide = Math.min(180, 2 * half);
+  const high = north - south;
+  const box = [middle - wide, Math.max(-89, south - high / 2), middle + wide, Math.min(89, north + high / 2)];
+  if (!(box[0] < box[2] && box[1] < box[3])) return;
+  const mine = ++wanted;
+  /** @type {Coast} */
+  const told = await ask("/api/coast", { box, step });
+  if (mine !== wanted) return;
+  had = { box, step };
+  land.clear(true);
+  land.addFeatures(told.features.flatMap((one) => {
+    return copies(one.geometry.coordinates).map((rings) => new ol.Feature(new ol.geom.Polygon(rings)));
+  }));
+});
+
+chart.on("moveend", () => {
+  coast();
+  const [lon, lat] = inverse(middle_of_view());
   try {
-    const [lon, lat, resolution] = JSON.parse(localStorage.getItem("view"));
-    view.setCenter(map.forward([lon, lat]));
-    view.setResolution(resolution);
-  } catch { /* the first time */ }
+    localStorage.setItem("view", JSON.stringify([lon, lat, view.getResolution()]));
+  } catch { /* no storage here */ }
+});
+try {
+  const [lon, lat, resolution] = JSON.parse(localStorage.getItem("view") ?? "");
+  view.setCenter(map.forward([lon, lat]));
+  view.setResolution(resolution);
+} catch { /* the first time */ }
 
-  // --- what the case says of the place -----------------------------------------------------------------------------------
-  const circle = ([lon, lat], metres) => new ol.geom.Polygon([Array.from({ length: 65 }, (_, k) => {
-    const a = (k * Math.PI) / 32, north = (metres * Math.cos(a)) / R / RAD;
-    return forward([lon + (metres * Math.sin(a)) / R / RAD / Math.cos(lat * RAD), lat + north]);
-  })]);
+function middle_of_view() {
+  return view.getCenter() ?? [0, 0];
+}
 
-  function mark(geometry, look, role) {
-    const feature = new ol.Feature(geometry);
-    feature.setProperties({ look, role }, true);
-    given.addFeature(feature);
-    return feature;
-  }
+// --- what the case says of the place -------------------------------------------------------------------------------------
+/**
+ * Return a circle as a ring [deg].
+ * @param {Point} middle
+ * @param {number} metres
+ * @returns {Point[]}
+ */
+function circle([lon, lat], metres) {
+  return Array.from({ length: 65 }, (_, k) => {
+    const angle = (k * Math.PI) / 32;
+    const north = (metres * Math.cos(angle)) / R / RAD;
+    return [lon + (metres * Math.sin(angle)) / R / RAD / Math.cos(lat * RAD), lat + north];
+  });
+}
 
-  // place: {at, error} or {line} or {polygon}, in degrees and metres.
-  function place({ at, error, line, polygon }) {
-    given.clear(true);
-    if (at) {
-      mark(new ol.geom.Point(map.forward(at)), "start", "position");
-      if (error) {
-        mark(circle(at, error), "start", "circle");
-        mark(new ol.geom.Point(forward([at[0] + error / R / RAD / Math.cos(at[1] * RAD), at[1]])), "way", "handle");
-      }
+/** @param {Geometry} geometry @param {string} look @param {string} role */
+function mark(geometry, look, role) {
+  const feature = new ol.Feature(geometry);
+  feature.setProperties({ look, role }, true);
+  given.addFeature(feature);
+}
+
+/**
+ * Show where the object went adrift.
+ * @param {Place} place in degrees and metres
+ */
+export function place({ at, error, line, polygon }) {
+  given.clear(true);
+  if (at) {
+    mark(spot(at), "start", "position");
+    if (error) {
+      const ring = circle(at, error);
+      for (const rings of copies([ring])) mark(new ol.geom.Polygon(rings), "start", "circle");
+      mark(spot(ring[16]), "way", "handle"); // to the east
     }
-    for (const points of [line, polygon]) {
-      if (!points?.length) continue;
-      const ring = points.map(map.forward);
-      for (const point of ring) mark(new ol.geom.Point(point), "way", "corner");
-      if (points === polygon && ring.length > 2) mark(new ol.geom.Polygon([[...ring, ring[0]]]), "start", "shape");
-      else if (ring.length > 1) mark(new ol.geom.LineString(ring), "start", "shape");
+  }
+  for (const points of [line, polygon]) {
+    if (!points?.length) continue;
+    const ring = unbroken(points);
+    for (const point of ring) mark(spot(point), "way", "corner");
+    if (points === polygon && ring.length > 2) {
+      for (const rings of copies([[...ring, ring[0]]])) mark(new ol.geom.Polygon(rings), "start", "shape");
+    } else if (ring.length > 1) {
+      for (const [one] of copies([ring])) mark(new ol.geom.LineString(one), "start", "shape");
     }
   }
+}
 
-  const drag = new ol.interaction.Translate({ filter: (feature) => ["position", "handle"].includes(feature.get("role")), layers: [theGiven], hitTolerance: 8 });
+/**
+ * Return the position [deg] of a point on the map.
+ * @param {FeatureLike | undefined} feature
+ */
+function at_of(feature) {
+  const geometry = feature?.getGeometry();
+  return geometry instanceof ol.geom.Point ? inverse(geometry.getCoordinates()) : null;
+}
+
+const position_given = () => at_of(given.getFeatures().find((one) => one.get("role") === "position"));
+
+/**
+ * Let the user drag the position, and the handle of its circle.
+ * @param {{position: (at: Point) => void, error: (metres: number) => void}} told called at the end
+ */
+export function dragging(told) {
+  const drag = new ol.interaction.Translate({
+    filter: (feature) => ["position", "handle"].includes(feature.get("role")),
+    layers: [the_given],
+    hitTolerance: 8,
+  });
   chart.addInteraction(drag);
   drag.on("translateend", (event) => {
     for (const feature of event.features.getArray()) {
-      const at = map.inverse(feature.getGeometry().getCoordinates()), role = feature.get("role");
-      const middle = given.getFeatures().find((one) => one.get("role") === "position");
-      if (role === "position") emit("dragged", { at });
-      else if (middle) emit("dragged", { error: toward(map.inverse(middle.getGeometry().getCoordinates()), at).distance });
+      const at = at_of(feature);
+      const middle = position_given();
+      if (!at || !middle) continue;
+      if (feature.get("role") === "position") told.position(at);
+      else told.error(toward(middle, at).distance);
     }
   });
+}
 
-  function look_at(points) {
-    const framed = ol.extent.createEmpty();
-    for (const point of points) ol.extent.extendCoordinate(framed, map.forward(point));
-    if (!ol.extent.isEmpty(framed)) view.fit(framed, { padding: [50, 50, 50, 50], minResolution: 40 });
-  }
+/**
+ * Move the map so that all points [deg] are on it.
+ * @param {Point[]} points
+ */
+export function look_at(points) {
+  const framed = ol.extent.createEmpty();
+  const first = points[0]?.[0] ?? 0;
+  for (const [lon, lat] of points) ol.extent.extendCoordinate(framed, map.forward([near(lon, first), lat]));
+  if (!ol.extent.isEmpty(framed)) view.fit(framed, { padding: [50, 50, 50, 50], minResolution: 40 });
+}
 
-  // --- picking a place ---------------------------------------------------------------------------------------------------
-  let picking = false;
-  function pick(on) {
-    picking = on;
-    target.classList.toggle("picking", on);
-    target.classList.toggle("aimed", on && document.activeElement === target);
-  }
-  function emit(name, detail) {
-    document.dispatchEvent(new CustomEvent(name, { detail }));
-  }
-  chart.on("singleclick", (event) => picking && emit("picked", map.inverse(event.coordinate)));
-  target.addEventListener("focus", () => target.classList.toggle("aimed", picking && target.matches(":focus-visible")));
-  target.addEventListener("keydown", (event) => {
-    if (event.key !== "Enter" || !picking) return;
-    event.preventDefault();
-    target.classList.add("aimed");
-    emit("picked", map.inverse(view.getCenter()));
+// --- picking a place -----------------------------------------------------------------------------------------------------
+let picked = /** @type {((at: Point) => void) | null} */ (null);
+
+/**
+ * Give places that the user clicks to somebody, or to nobody.
+ * @param {((at: Point) => void) | null} told
+ */
+export function pick(told) {
+  picked = told;
+  target.classList.toggle("picking", Boolean(told));
+  target.classList.toggle("aimed", Boolean(told) && document.activeElement === target);
+}
+chart.on("singleclick", (event) => picked?.(inverse(event.coordinate)));
+target.addEventListener("focus", () => target.classList.toggle("aimed", Boolean(picked) && target.matches(":focus-visible")));
+target.addEventListener("keydown", (event) => {
+  if (event.key !== "Enter" || !picked) return;
+  event.preventDefault();
+  target.classList.add("aimed");
+  picked(inverse(middle_of_view()));
+});
+chart.on("pointermove", (event) => {
+  if (!event.dragging) get("readout").textContent = position(map.inverse(event.coordinate));
+});
+
+// --- a first map or a result, by time ------------------------------------------------------------------------------------
+/** @returns {BaseLayer[]} */
+function layers_of_areas() {
+  return shown.areas ? [shown.areas.layer, shown.areas.nameplates].filter((one) => one !== null) : [];
+}
+
+/** Show no areas. */
+export function clear() {
+  for (const one of layers_of_areas()) chart.removeLayer(one);
+  Object.assign(shown, { areas: null, times: [], told: null });
+  particles.clear(true);
+  likely.clear(true);
+  get("time").hidden = true;
+  play(false);
+}
+
+/**
+ * Show the areas of a first map or a result.
+ * @param {Shown} told
+ */
+export function show(told) {
+  clear();
+  const features = told.areas.features;
+  const leaf = { features, look: "area", when: "at", span: ["time", "time"], where: {}, told: [], title: "Areas" };
+  shown.areas = shapes(leaf, null, map, 10);
+  for (const one of layers_of_areas()) chart.addLayer(one);
+  shown.told = told;
+  const own_times = [...new Set(features.map((one) => epoch(one.properties.time)))].sort((a, b) => a - b);
+  shown.times = told.times ? told.times.map(epoch) : own_times;
+  get("slider").max = String(Math.max(0, shown.times.length - 1));
+  get("time").hidden = shown.times.length < 2;
+  const opens = told.opens ? shown.times.indexOf(epoch(told.opens)) : -1;
+  move(opens >= 0 ? opens : shown.times.length - 1);
+  const start = position_given();
+  const points = features.flatMap((one) => /** @type {Point[]} */ (one.geometry.coordinates.flat(2)));
+  look_at(start ? [start, ...points] : points);
+}
+
+/**
+ * Show another time.
+ * @param {number} index
+ */
+function move(index) {
+  const { told, times, areas } = shown;
+  if (!told || !areas || !times.length) return;
+  const k = Math.max(0, Math.min(times.length - 1, index));
+  const time = times[k];
+  shown.index = k;
+  areas.update({ time, theme: theme() });
+  get("slider").value = String(k);
+  const hours = Number(Math.abs((time - times[0]) / 3600).toFixed(1));
+  const label = `${group(time)} (${time < times[0] ? "−" : "+"}${hours} h)`;
+  get("now").textContent = label;
+  get("slider").setAttribute("aria-valuetext", label);
+  particles.clear(true);
+  likely.clear(true);
+  particles.addFeatures(particles_at(told, k));
+  const best = told.likely?.[k];
+  if (best) likely.addFeature(new ol.Feature(spot(best)));
+}
+
+/**
+ * @param {Shown} told
+ * @param {number} k
+ */
+function particles_at({ particles: held, looks = [] }, k) {
+  return (held?.lon[k] ?? []).flatMap((lon, j) => {
+    const look = looks[held?.status[k][j] ?? 0];
+    if (!look) return [];
+    const feature = new ol.Feature(spot([lon, held?.lat[k][j] ?? 0]));
+    feature.set("look", look, true);
+    return [feature];
   });
-  chart.on("pointermove", (event) => {
-    if (!event.dragging) get("readout").textContent = position(map.inverse(event.coordinate));
-  });
+}
 
-  // --- a sketch or a result, by time -------------------------------------------------------------------------------------
-  const shown = { areas: null, times: [], index: 0, told: null, playing: false };
+/** @param {boolean} on */
+function play(on) {
+  shown.playing = on;
+  get("play").textContent = on ? "Pause" : "Play";
+  get("play").setAttribute("aria-pressed", String(on));
+}
 
-  function clear() {
-    if (shown.areas) for (const one of [shown.areas.layer, shown.areas.nameplates]) if (one) chart.removeLayer(one);
-    Object.assign(shown, { areas: null, times: [], told: null, playing: false });
-    particles.clear(true);
-    likely.clear(true);
-    get("time").hidden = true;
-    get("play").textContent = "Play";
-    get("play").setAttribute("aria-pressed", false);
+get("slider").addEventListener("input", () => move(Number(get("slider").value)));
+get("before").addEventListener("click", () => move(shown.index - 1));
+get("after").addEventListener("click", () => move(shown.index + 1));
+get("play").addEventListener("click", async () => {
+  play(!shown.playing);
+  while (shown.playing) {
+    await new Promise((done) => setTimeout(done, 600));
+    if (shown.playing) move(shown.index + 1 < shown.times.length ? shown.index + 1 : 0);
   }
-
-  // told: {areas, times?, likely?, particles?, opens?}
-  function show(told) {
-    clear();
-    const features = told.areas.features;
-    const leaf = { features, look: "area", when: "at", span: ["time", "time"], where: {}, told: [], title: "Areas" };
-    shown.areas = shapes(leaf, null, map, 10);
-    for (const one of [shown.areas.layer, shown.areas.nameplates]) if (one) chart.addLayer(one);
-    shown.told = told;
-    shown.times = told.times ? told.times.map(epoch) : [...new Set(features.map((one) => epoch(one.properties.time)))].sort((a, b) => a - b);
-    get("slider").max = Math.max(0, shown.times.length - 1);
-    get("time").hidden = shown.times.length < 2;
-    const opens = told.opens ? shown.times.indexOf(epoch(told.opens)) : -1;
-    move(opens >= 0 ? opens : shown.times.length - 1);
-    const points = features.flatMap((one) => one.geometry.coordinates.flat(2));
-    const start = given.getFeatures().filter((one) => one.get("role") === "position").map((one) => map.inverse(one.getGeometry().getCoordinates()));
-    look_at([...points, ...start]);
-  }
-
-  function move(index) {
-    shown.index = Math.max(0, Math.min(shown.times.length - 1, index));
-    const { told, times } = shown, time = times[shown.index], k = shown.index;
-    shown.areas.update({ time, theme: theme() });
-    get("slider").value = k;
-    const label = `${group(time)} (${time < times[0] ? "−" : "+"}${Number(Math.abs((time - times[0]) / 3600).toFixed(1))} h)`;
-    get("now").textContent = label;
-    get("slider").setAttribute("aria-valuetext", label);
-    particles.clear(true);
-    likely.clear(true);
-    if (told.particles) {
-      const { lon, lat, status } = told.particles;
-      particles.addFeatures(lon[k].flatMap((x, j) => {
-        const look = told.looks[status[k][j]];
-        if (!look) return [];
-        const feature = new ol.Feature(new ol.geom.Point(map.forward([x, lat[k][j]])));
-        feature.set("look", look, true);
-        return [feature];
-      }));
-    }
-    if (told.likely?.[k]) likely.addFeature(new ol.Feature(new ol.geom.Point(map.forward(told.likely[k]))));
-  }
-  get("slider").addEventListener("input", () => move(Number(get("slider").value)));
-  get("before").addEventListener("click", () => move(shown.index - 1));
-  get("after").addEventListener("click", () => move(shown.index + 1));
-  get("play").addEventListener("click", async () => {
-    shown.playing = !shown.playing;
-    get("play").textContent = shown.playing ? "Pause" : "Play";
-    get("play").setAttribute("aria-pressed", shown.playing);
-    while (shown.playing) {
-      await new Promise((done) => setTimeout(done, 600));
-      if (shown.playing) move(shown.index + 1 < shown.times.length ? shown.index + 1 : 0);
-    }
-  });
-  return { place, pick, look_at, show, clear, chart, map, view, land, shown, paint };
-})();
+});

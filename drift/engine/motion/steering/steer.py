@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drift.engine.motion.errors.forcing_error import ForcingError
 from drift.engine.motion.forcing import Forcing
-from drift.engine.motion.forcing_error import ForcingError
 from drift.engine.motion.period import Period
 from drift.engine.motion.steering import itinerary_tables
 from drift.engine.motion.steering.itinerary import Itinerary

@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drift.engine.motion import drift, guided, models, prior
+from drift.engine.motion import guided, prior
 from drift.engine.motion.ensemble_spec import EnsembleSpec
-from drift.engine.motion.leeway import Drifter
+from drift.engine.motion.models import by_name as models
+from drift.engine.motion.models import drift
+from drift.engine.motion.objects.leeway import Drifter
 from drift.engine.motion.scene import Begin, Scene
 from drift.engine.particles.ensemble import Ensemble
 from drift.evidence.filter.records import Contact

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from drift.engine.motion.clock import Clock
-from drift.engine.motion.forcing_error import Errors
+from drift.engine.motion.errors.forcing_error import Errors
 from drift.engine.motion.guided import Guided
-from drift.engine.motion.leeway import Drifter
+from drift.engine.motion.objects.leeway import Drifter
 from geo.array import Array
 
 

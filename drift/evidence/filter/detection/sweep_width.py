@@ -26,7 +26,7 @@ from typing import Literal
 
 import numpy as np
 
-from drift.engine.motion import everyday, leeway
+from drift.engine.motion.objects import everyday, leeway
 from geo.errors import UserError
 from geo.notation import KNOT, NMI
 

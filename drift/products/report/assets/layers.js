@@ -71,7 +71,7 @@ function shapes(leaf, files, map, order) {
   const every = read(collection, map).filter(feature => matches(feature, leaf.where));
   const graded = leaf.graded && grades(leaf.graded, files);
   const levels = [...new Set(every.map(feature => feature.get("level")))].filter(level => level !== undefined).sort((a, b) => a - b);
-  const source = new ol.source.Vector({ wrapX: false });
+  const source = new ol.source.Vector({ wrapX: map.around });
   let now = null;
   const looks = feature => {
     const there = feature.get("there"), options = { theme: now.theme, strong: there === "now", pale: leaf.when === "during" && there === "there" };

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import trial_case
 
-from drift.engine.motion.drift import COLUMNS, DRIFT
 from drift.engine.motion.forcing import Forcing, Sources
-from drift.engine.motion.models import MODELS
+from drift.engine.motion.models.by_name import MODELS
+from drift.engine.motion.models.drift import COLUMNS, DRIFT
 from drift.engine.motion.scene import Scene
 from drift.engine.particles import ensemble as record
 from drift.evidence.filter.debris import debris

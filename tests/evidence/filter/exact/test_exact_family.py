@@ -1,5 +1,5 @@
 """A family of 300 scenarios against exact Bayes, each scenario and each axis:
-tests/oracles/families.py knows the sums in closed form.
+tests/oracles/second_opinions/families.py knows the sums in closed form.
 
 The scenarios stand in the order speed, departure, route of the case; the oracle's in its own, by
 which they are found.

@@ -1,0 +1,1 @@
+"""Models of motion: drift, and a user's own."""

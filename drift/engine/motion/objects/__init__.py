@@ -1,0 +1,1 @@
+"""Objects that drift: their leeway, and the everyday words for them."""

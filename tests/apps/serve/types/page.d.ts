@@ -1,0 +1,108 @@
+// Types of the page of drift serve: what the server answers, and what the modules use of the scripts of report.html, which are
+// not modules. The types of OpenLayers are its own.
+import type BaseLayerOf from "ol/layer/Base";
+import type FeatureOf from "ol/Feature";
+import type { FeatureLike as FeatureLikeOf } from "ol/Feature";
+import type GeometryOf from "ol/geom/Geometry";
+import type MapOf from "ol/Map";
+import type ProjectionOf from "ol/proj/Projection";
+import type VectorSourceOf from "ol/source/Vector";
+import type StyleOf from "ol/style/Style";
+import type { StyleLike as StyleLikeOf } from "ol/style/Style";
+import type ViewOf from "ol/View";
+
+declare global {
+  // --- elements of desk.html that are more than an HTMLElement ---
+  interface Elements {
+    text: HTMLTextAreaElement;
+    form: HTMLFormElement;
+    new: HTMLFormElement;
+    "shipped-box": HTMLDetailsElement;
+    "new-name": HTMLInputElement;
+    wanted: HTMLInputElement;
+    picker: HTMLInputElement;
+    slider: HTMLInputElement;
+    object: HTMLSelectElement;
+    scenario: HTMLSelectElement;
+  }
+  type ElementOf<Id extends string> = Id extends keyof Elements ? Elements[Id] : HTMLElement;
+
+  // --- answers of the server ---
+  type Point = [lon: number, lat: number]; // [deg]
+  interface Listed { name: string; title: string }
+  interface Run extends Listed {
+    kind: string; start: string; end: string; made: string; took: number | null; warnings: string[]; report: boolean; key: string;
+    files: { name: string; bytes: number }[];
+  }
+  interface Folder { folder: string; cases: Listed[]; shipped: Listed[]; runs: Run[] }
+  interface CaseText { name: string; text: string; digest: string }
+  interface Job {
+    number: number; kind: "check" | "run" | "plan" | "origin"; case: string; digest: string; out: string | null; key: string | null;
+    state: "waiting" | "running" | "done" | "failed" | "cancelled"; phase: string; share: number; took: number | null; lines: string[];
+  }
+  type SourceName = "wind" | "current";
+  interface SourceRow { time?: string; speed?: string; from?: string | number; toward?: string | number }
+  interface Source extends SourceRow { kind: "" | "constant" | "table" | "files"; rows?: SourceRow[]; files?: string[] }
+  type FieldValue = string | string[] | Source | null;
+  interface Field { value?: FieldValue; read?: string | number | Point | Point[] | null; in_text?: boolean }
+  interface Form { fields: Record<string, Field>; unknown: string[]; scenarios: number }
+  interface Message { message: string; field: string | null; line: number | null }
+  interface DriftObject { name: string; description: string; level: number; words: string[] }
+  interface Coast { features: { geometry: { coordinates: Point[][] } }[] }
+  interface Areas { features: { properties: { time: string }; geometry: { coordinates: Point[][][] } }[] }
+  interface Shown {
+    areas: Areas; times?: string[]; opens?: string | null; likely?: (Point | null)[]; looks?: string[];
+    particles?: { lon: number[][]; lat: number[][]; status: number[][] };
+  }
+  interface Sketch extends Shown { title: string; words: string; warnings: string[]; statuses: string[] }
+  interface Place { at?: Point; error?: number; line?: Point[]; polygon?: Point[] } // [deg], [m]
+
+  // --- scripts of report.html ---
+  type Theme = "light" | "dark";
+  type BaseLayer = BaseLayerOf;
+  type FeatureLike = FeatureLikeOf;
+  type Geometry = GeometryOf;
+  type StyleLike = StyleLikeOf;
+  type VectorSource = VectorSourceOf<FeatureOf<GeometryOf>>;
+  interface Projected {
+    projection: ProjectionOf; separable: boolean; around: boolean;
+    forward(at: Point): number[];
+    inverse(at: number[]): Point;
+  }
+  interface Look { theme: Theme; size?: number; opaque?: number; label?: string }
+  interface Leaf { layer: BaseLayerOf; nameplates: BaseLayerOf | null; every: FeatureOf[]; update(now: { time: number; theme: Theme }): void }
+  const R: number, RAD: number, NMI: number;
+  function near(lon: number, middle: number): number;
+  function projected(given: { kind: "mercator"; lon: number; lat: number; around?: boolean }): Projected;
+  function toward(from: Point, to: Point): { distance: number; bearing: number };
+  function graticule(map: Projected, view: ViewOf, chart: MapOf): { paint(colours: { line: string; ink: string; halo: string }): void };
+  function tinted(colour: string, share: number): string;
+  function styled(look: string, now: Look): StyleOf[];
+  function titled(look: string, now: Look): StyleOf[];
+  function shapes(leaf: object, files: null, map: Projected, order: number): Leaf;
+  function group(epoch: number): string;
+  function epoch(text: string): number;
+  function position(at: Point): string;
+
+  // --- OpenLayers as one script ---
+  const ol: {
+    Feature: typeof import("ol/Feature").default;
+    Map: typeof import("ol/Map").default;
+    View: typeof import("ol/View").default;
+    control: { ScaleLine: typeof import("ol/control/ScaleLine").default; defaults: typeof import("ol/control/defaults") };
+    extent: typeof import("ol/extent");
+    geom: {
+      LineString: typeof import("ol/geom/LineString").default;
+      Point: typeof import("ol/geom/Point").default;
+      Polygon: typeof import("ol/geom/Polygon").default;
+    };
+    interaction: { Translate: typeof import("ol/interaction/Translate").default };
+    layer: { Vector: typeof import("ol/layer/Vector").default };
+    source: { Vector: typeof import("ol/source/Vector").default };
+    style: {
+      Fill: typeof import("ol/style/Fill").default;
+      Stroke: typeof import("ol/style/Stroke").default;
+      Style: typeof import("ol/style/Style").default;
+    };
+  };
+}
