@@ -29,12 +29,11 @@ from drift.case import file as case_file
 from drift.case import template
 from geo.files import fence
 
+PAGE = ("desk", "editor", "form", "kit", "map", "sources")
+SEARCH = ("drawn", "plan", "results", "rows", "search", "searches")
 ASSETS = {
     "desk.css": ("drift.apps.serve", "text/css"),
-    **{
-        f"{name}.js": ("drift.apps.serve", "text/javascript")
-        for name in ("desk", "editor", "form", "kit", "map", "sources")
-    },
+    **{f"{name}.js": ("drift.apps.serve", "text/javascript") for name in (*PAGE, *SEARCH)},
     # the look and the map of report.html
     **dict.fromkeys(("ol.css", "page.css"), ("drift.products.report", "text/css")),
     **{

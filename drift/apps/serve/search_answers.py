@@ -15,7 +15,7 @@ from drift.apps.serve import form, mistakes, search_fields
 from drift.case import file as case_file
 from drift.case.record import Case
 from drift.evidence.filter import shapes
-from drift.evidence.filter.detection import laws
+from drift.evidence.filter.detection import laws, sweep_width
 from drift.evidence.filter.records import Sortie
 from geo import notation, polyline
 from geo.array import Array
@@ -34,7 +34,7 @@ def search(request: Mapping[str, Any]) -> dict[str, Any]:
 
     Returns:
         What `search_fields.read_rows` returns, and `shapes`: of each sortie and contact by its
-        number in the text, if the case can be read.
+        number in the text, if the case can be read; `search_objects` of the sweep width tables.
     """
     path, text = Path(request["path"]), request["text"]
     data = form.parse_text(text)
@@ -51,7 +51,7 @@ def search(request: Mapping[str, Any]) -> dict[str, Any]:
                     {"shape": kind, "points": _points(points)}
                     for kind, points in shapes.contact(contact)
                 ]
-    return {**told, "shapes": found}
+    return {**told, "shapes": found, "search_objects": list(sweep_width.objects())}
 
 
 def _readable(path: Path, text: str) -> Case | None:
