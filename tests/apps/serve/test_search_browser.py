@@ -168,6 +168,7 @@ def test_from_the_call_to_a_tasking(browser: Any, served: Server, size: str) -> 
     assert int(page.locator("#plan-said").get_attribute("data-ms") or "9999") < 500
     by_keys = page.locator("#plan-now").inner_text()
     # by the mouse: the area goes where it is dragged
+    page.locator("#map").evaluate("map => map.scrollIntoView()")  # on a phone it is above
     box = page.locator("#map").bounding_box()
     x, y = page.evaluate(MIDDLE_OF_AREA)
     page.mouse.move(box["x"] + x, box["y"] + y)

@@ -14,6 +14,7 @@ from desk_plans import CASE, NMI, PARTICLES, RUN
 import drift
 from drift.apps.serve import answers, plan_answers
 from drift.case import file as case_file
+from drift.case.values import units
 from geo.errors import UserError
 
 WIDTHS = {"cutter": 0.7 * NMI, "aircraft": 0.5 * NMI}
@@ -128,7 +129,7 @@ def test_a_kept_area_is_searched_as_shown(folder: Path, planned: Any) -> None:
     """The text with the sorties is run: its POS of them is the one that was shown."""
     first, second = planned["areas"]
     moves = {
-        second["name"]: {"at": [second["centre"][0] - 0.05, second["centre"][1]], "turned": 25}
+        second["name"]: {"at": [second["centre"][0] - 0.05, second["centre"][1]], "turned": 205}
     }
     text = CASE
     for area in (first, second):
@@ -137,11 +138,15 @@ def test_a_kept_area_is_searched_as_shown(folder: Path, planned: Any) -> None:
         )
         text = told["text"]
         assert tomllib.loads(text)["sortie"][-1]["name"] == told["name"]
+    shown = moved(folder, moves)["areas"]
+    for row, area in zip(tomllib.loads(text)["sortie"], shown, strict=True):
+        begins = units.position(row["pattern"]["corner"])
+        off = np.subtract(begins, area["legs"][0]["points"][0])
+        assert np.all(np.abs((off + 180) % 360 - 180) < 2e-5)  # 2 m
     again = ask("plan/keep", folder=str(folder), run=RUN, moves={}, area=first["name"], text=text)
     assert again["name"] == f"{first['name']} {first['unit']} (2)"
     case = drift.vary(case_file.load_text(folder / "case.toml", text), {"unit": None, "plan": None})
     updates = drift.run(case).updates.all
-    shown = moved(folder, moves)["areas"]
     for update, area in zip(updates, shown, strict=True):
         assert abs(float(np.asarray(update.pos)[-1]) - area["pos"]) < 3 * 0.002
 

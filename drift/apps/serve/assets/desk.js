@@ -89,7 +89,8 @@ function open_text(name, words, digest) {
   lay(name, words, digest);
   close_plan();
   clear_result();
-  search.begin().then(begin);
+  search.begin();
+  begin();
 }
 
 const open = guarded(async (/** @type {string} */ name) => {

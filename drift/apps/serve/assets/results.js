@@ -91,10 +91,11 @@ function draw_earlier() {
   const times = held.map((one) => epoch(one.properties.time));
   const nearest = times.reduce((best, time) => (Math.abs(time - now) < Math.abs(best - now) ? time : best), times[0]);
   get("since-time").textContent = nearest === undefined ? "it has no 95 % area" : `at ${group(nearest)}`;
-  for (const [k, one] of held.entries()) {
-    if (times[k] !== nearest) continue;
-    for (const rings of one.geometry.coordinates) earlier.source.addFeature(shape("polygon", rings[0], { look: "line", label: "95 % before" }));
-  }
+  const rings = held.filter((_, k) => times[k] === nearest).flatMap((one) => one.geometry.coordinates.map(([outer]) => outer));
+  const longest = Math.max(...rings.map((ring) => ring.length));
+  earlier.source.addFeatures(rings.map((ring) => {
+    return shape("polygon", ring, { look: "line", label: ring.length === longest ? "95 % before" : "" });
+  }));
 }
 sea.follow(draw_earlier);
 

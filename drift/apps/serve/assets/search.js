@@ -13,6 +13,7 @@ const own = {
   files: /** @type {string[]} */ ([]),
   built: /** @type {Record<string, string>} */ ({}), // what each list was built for
   open: /** @type {string | null} */ (null), // the row that was just added
+  fresh: false, // whether the map has yet to go to the searches of a case that was just opened
 };
 const drawn = layer_of(25);
 
@@ -44,6 +45,10 @@ async function refresh() {
   for (const table of TABLES) list(table, told);
   fill_inputs(get("plan-fields"), "plan", words.PLAN, told.plan);
   draw(told);
+  const points = [...Object.keys(told.shapes.sortie).flatMap((k) => points_of("sortie", Number(k))),
+    ...Object.keys(told.shapes.contact).flatMap((k) => points_of("contact", Number(k)))];
+  if (own.fresh && points.length) sea.look_at([sea.middle(), ...points]);
+  own.fresh = false;
 }
 form.follow(refresh);
 
@@ -263,9 +268,10 @@ document.addEventListener("drop", (event) => {
 });
 
 /** Begin with a case that was just opened. */
-export async function begin() {
-  Object.assign(own, { told: null, built: {}, open: null });
+export const begin = guarded(async () => {
+  Object.assign(own, { told: null, built: {}, open: null, fresh: true });
   drawn.source.clear(true);
   get("track-said").textContent = "";
   await list_tracks();
-}
+  if (own.told) list("sortie", own.told);
+});
