@@ -82,7 +82,7 @@ def test_the_value_at_a_place(folder: Path, cells: Any, scenario: str | None) ->
     square = float(cells["cell_area"][i, j]) / 1852**2
     step = float(cells["lon"][1] - cells["lon"][0])
     for turn in (0, 360, -360):
-        at = [float(cells["lon"][j]) + 0.4 * step + turn, float(cells["lat"][i])]
+        at = [float(cells["lon"][j]) - 0.4 * step + turn, float(cells["lat"][i])]
         told = ask("result/value", folder, scenario=scenario, time=last, at=at)
         expected = float(mass[last, i, j]) / share / square
         assert told["per_nmi2"] == pytest.approx(expected, rel=1e-5)
