@@ -16,7 +16,7 @@ import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from drift.apps.serve import nodes, search_fields
+from drift.apps.serve import form_sources, nodes, search_fields
 from drift.case.values import fields as case_fields
 from drift.case.values import units
 from geo import notation
@@ -25,7 +25,6 @@ from geo.errors import UserError
 LARGEST = 2**20  # [bytes] of a text, as of a case
 MOST_CHANGES = 100
 MOST_SCENARIOS = 50  # that a form shows
-LONGEST = 1000  # characters of a value
 STARTS = ("position", "trackline", "area")  # tables of a scenario that say where it went adrift
 TOP = ("title", "start", "duration", "particles", "coast.source")
 SCENARIO = (
@@ -46,16 +45,8 @@ SCENARIO = (
 )
 LISTS = ("trackline.waypoints", "area.polygon")
 OWN = (*search_fields.TABLES, "plan")  # tables of the step "Search"
-SOURCES = {"wind": "from", "current": "toward"}  # and the key of their direction
-KINDS = ("constant", "table", "files")
 IN_SCENARIO = re.compile(r"scenario\.(\d{1,2})\.(.+)")
 NUMBERS = ("particles", "weight")
-# errors of typed winds and currents, which have none by default (docs/errors.md)
-TYPED = {
-    "current": {"std": "0.3 m/s", "time": "11 h"},
-    "wind": {"std": "2 m/s", "time": "12 h"},
-}
-TYPED_NOTE = "how wrong what was typed may be (docs/errors.md)"
 NEW = """\
 # Written by the form of drift serve. You can change this text too: both stay in step.
 title = "New search"
@@ -104,10 +95,14 @@ def read_fields(text: str) -> dict[str, Any]:
     start = _read("start", data.get("start"), None)
     shown = {name: _shown(data, name, start) for name in names_of_fields(number)}
     unknown = [
-        *(key for key in data if key not in {"scenario", "coast", *OWN, *SOURCES, *TOP}),
+        *(
+            key
+            for key in data
+            if key not in {"scenario", "coast", *OWN, *form_sources.SOURCES, *TOP}
+        ),
         *_unknown_of_scenarios(scenarios),
         *(f"coast.{key}" for key in _keys(data.get("coast")) if key != "source"),
-        *(name for name in SOURCES if shown[name].get("in_text")),
+        *(name for name in form_sources.SOURCES if shown[name].get("in_text")),
         *search_fields.hidden_keys(data),
     ]
     return {"fields": shown, "unknown": unknown, "scenarios": number}
@@ -118,7 +113,7 @@ def names_of_fields(scenarios: int) -> list[str]:
     own = (
         f"scenario.{k}.{name}" for k in range(min(scenarios, MOST_SCENARIOS)) for name in SCENARIO
     )
-    return [*TOP, *SOURCES, *own]
+    return [*TOP, *form_sources.SOURCES, *own]
 
 
 def set_fields(text: str, changes: Sequence[Mapping[str, Any]]) -> str:
@@ -178,12 +173,14 @@ def _change(document: Any, data: dict[str, Any], field: object, value: Any) -> N
         for node in (document, data):
             search_fields.set_key(node, field, deepcopy(value))
         return
-    if not isinstance(field, str) or (field not in {*TOP, *SOURCES} and not _is_of_scenario(field)):
+    if not isinstance(field, str) or (
+        field not in {*TOP, *form_sources.SOURCES} and not _is_of_scenario(field)
+    ):
         raise UserError(f"there is no field {str(field)[:100]!r}")
-    if field in SOURCES:
-        _check_source(field, value)
+    if field in form_sources.SOURCES:
+        form_sources.check_source(field, value)
         for node in (document, data):
-            _set_source(node, field, deepcopy(value))
+            form_sources.set_source(node, field, deepcopy(value))
         return
     _check_value(field, value)
     place = search_fields.place_of(field)
@@ -218,42 +215,7 @@ def _check_value(field: str, value: Any) -> None:
     else:
         values = [value]
     for one in values:
-        _check_words(field, one)
-
-
-def _check_words(field: str, value: Any) -> None:
-    if not isinstance(value, str) or len(value) > LONGEST or not value.isprintable():
-        raise UserError(f"{field}: give one line of at most {LONGEST} characters")
-
-
-def _check_source(field: str, value: Any) -> None:
-    """Reject a wind or current that is not one of a form."""
-    if value is None:
-        return
-    if not isinstance(value, dict) or value.get("kind") not in KINDS:
-        raise UserError(f"{field}: give its kind: {', '.join(KINDS)}")
-    kind = value["kind"]
-    direction = SOURCES[field]
-    rows = [value] if kind == "constant" else value.get("rows" if kind == "table" else "files")
-    if not isinstance(rows, list) or not 1 <= len(rows) <= 500:
-        raise UserError(f"{field}: give 1 to 500 {'rows' if kind == 'table' else 'files'}")
-    for row in rows:
-        if kind == "files":
-            _check_words(field, row)
-            continue
-        wanted = {"speed", direction} | ({"time"} if kind == "table" else {"kind"})
-        if not isinstance(row, dict) or row.keys() != wanted:
-            raise UserError(f"{field}: give {' and '.join(sorted(wanted - {'kind'}))}")
-        for name in ("speed", "time"):
-            if name in wanted:
-                _check_words(f"{field}.{name}", row[name])
-        _check_direction(f"{field}.{direction}", row[direction])
-
-
-def _check_direction(field: str, value: Any) -> None:
-    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1e6:
-        return
-    _check_words(field, value)
+        search_fields.check_words(field, one)
 
 
 def _set_key(node: Any, place: search_fields.Place, value: Any) -> None:
@@ -296,54 +258,6 @@ def _set_key_of_scenario(node: Any, number: int, rest: search_fields.Place, valu
         del one[start]
 
 
-def _set_source(node: Any, quantity: str, value: Any) -> None:
-    """Set the one source of a quantity, and the default errors of typed ones."""
-    many = node.get(quantity)
-    if many is not None and _source(many, quantity) is None:
-        raise UserError(f"{quantity} is set in the text; change it there")
-    if value is None:
-        node.pop(quantity, None)
-        _set_typed_error(node, quantity, False)
-        return
-    kind = value.pop("kind")
-    written = value if kind == "constant" else value["rows" if kind == "table" else "files"]
-    if not many:
-        if many is not None:
-            del node[quantity]
-        many = node[quantity] = nodes.list_of_tables(node)
-        many.append(nodes.table_beside(node, {}, inline=False))
-        many[0]["name"] = "forecast" if kind == "files" else "on scene"
-    one = many[0]
-    for old in KINDS:
-        if old != kind and old in one:
-            del one[old]
-    if kind == "table":
-        written = nodes.rows_beside(node, written)
-    elif kind == "constant":
-        written = nodes.table_beside(node, written)
-    elif len(written) == 1:
-        written = written[0]
-    one[kind] = written
-    _set_typed_error(node, quantity, kind != "files")
-
-
-def _set_typed_error(node: Any, quantity: str, typed: bool) -> None:
-    """State the error of what is typed, unless the text states one; files have defaults."""
-    errors = node.get("uncertainty")
-    if typed and errors is None:
-        errors = node["uncertainty"] = nodes.table_beside(node, {}, inline=False)
-        if isinstance(errors, tomlkit.items.Table):
-            errors.comment(TYPED_NOTE)
-    if not isinstance(errors, dict):
-        return
-    if typed and quantity not in errors:
-        errors[quantity] = nodes.table_beside(node, TYPED[quantity])
-    elif not typed and errors.get(quantity) == TYPED[quantity]:
-        del errors[quantity]
-        if not errors:
-            del node["uncertainty"]
-
-
 def _keys(table: Any) -> list[str]:
     return list(table) if isinstance(table, dict) else []
 
@@ -365,10 +279,12 @@ def _unknown_of_scenarios(scenarios: Any) -> list[str]:
 
 def _shown(data: Any, field: str, start: Any) -> dict[str, Any]:
     """Return what a form shows of a field."""
-    if field in SOURCES:
+    if field in form_sources.SOURCES:
         many = data.get(field)
         return (
-            {"in_text": True} if (own := _source(many, field)) is None else {"value": own or None}
+            {"in_text": True}
+            if (own := form_sources.read_source(many, field)) is None
+            else {"value": own or None}
         )
     value = data
     for part in search_fields.place_of(field):
@@ -395,37 +311,6 @@ def _shown(data: Any, field: str, start: Any) -> dict[str, Any]:
     elif isinstance(value, bool) or not isinstance(value, str | int | float | None):
         return {"in_text": True}
     return {"value": value} if read is None else {"value": value, "read": read}
-
-
-def _source(many: Any, quantity: str) -> dict[str, Any] | None:
-    """Return the one source of a quantity as a form shows it, {} for none; None: only as text."""
-    if not many and isinstance(many, list | None):
-        return {}
-    if not isinstance(many, list) or len(many) != 1 or not isinstance(many[0], dict):
-        return None
-    one, direction = many[0], SOURCES[quantity]
-    kinds = [kind for kind in KINDS if kind in one]
-    if len(kinds) != 1 or not one.keys() <= {"name", *kinds}:
-        return {} if one.keys() <= {"name"} else None
-    kind = kinds[0]
-    written = one[kind]
-    if kind == "files":
-        files = [written] if isinstance(written, str) else written
-        if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
-            return None
-        return {"kind": kind, "files": [str(file) for file in files]}
-    rows = [written] if kind == "constant" else written
-    wanted = {"speed", direction} | ({"time"} if kind == "table" else set())
-    if not isinstance(rows, list) or not all(
-        isinstance(row, dict) and row.keys() == wanted for row in rows
-    ):
-        return None
-    plain = [{name: _plain(row[name]) for name in sorted(wanted)} for row in rows]
-    return {"kind": kind, **plain[0]} if kind == "constant" else {"kind": kind, "rows": plain}
-
-
-def _plain(value: Any) -> Any:
-    return value.isoformat() if isinstance(value, datetime | date) else value
 
 
 def _time(value: Any, start: Any) -> str:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from drift.apps.serve import form, search_fields
+from drift.apps.serve import form, form_sources, search_fields
 from drift.case.values import messages
 from geo.errors import UserError
 
@@ -31,7 +31,7 @@ def message_of(line: str, text: str) -> dict[str, Any]:
         place = search_fields.place_of(name)
         for size in range(len(place) - 1, 0, -1):
             fields.setdefault(messages.where(place[:size], data), ".".join(map(str, place[:size])))
-    for quantity in form.SOURCES:
+    for quantity in form_sources.SOURCES:
         for k, _ in enumerate(data.get(quantity) or [()]):
             fields[messages.where((quantity, k), data)] = quantity
     places = {messages.where(place, data): k for place, k in _lines_of_places(text)}

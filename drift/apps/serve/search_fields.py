@@ -224,17 +224,18 @@ def _check_one(field: str, value: Any) -> None:
         if not isinstance(value, list) or not 1 <= len(value) <= MOST_POSITIONS:
             raise UserError(f"{field}: give a list of positions")
         for one in value:
-            _check_words(field, one)
+            check_words(field, one)
     elif isinstance(value, bool):
         return
     elif isinstance(value, int | float):
         if not abs(value) < 1e15:  # neither is NaN
             raise UserError(f"{field}: {value} is too large a number")
     else:
-        _check_words(field, value)
+        check_words(field, value)
 
 
-def _check_words(field: str, value: Any) -> None:
+def check_words(field: str, value: Any) -> None:
+    """Reject a value that is not one line of text."""
     if not isinstance(value, str) or len(value) > LONGEST or not value.isprintable():
         raise UserError(f"{field}: give one line of at most {LONGEST} characters")
 

@@ -90,7 +90,7 @@ function open_text(name, words, digest) {
   close_plan();
   clear_result();
   search.begin();
-  begin();
+  return begin();
 }
 
 const open = guarded(async (/** @type {string} */ name) => {
@@ -101,7 +101,7 @@ const open = guarded(async (/** @type {string} */ name) => {
 async function open_saved(name) {
   /** @type {CaseText} */
   const told = await ask(`/api/cases/${encodeURIComponent(name)}`);
-  open_text(told.name, told.text, told.digest);
+  await open_text(told.name, told.text, told.digest);
 }
 
 const copy = guarded(async (/** @type {string} */ name) => {
@@ -203,9 +203,11 @@ function checked(job) {
  */
 const on_map = guarded(async (/** @type {string} */ name) => {
   /** @type {Folder} */
-  const { runs } = await ask("/api/folder");
+  const { runs, cases } = await ask("/api/folder");
   const run = runs.find((one) => one.name === name);
   if (!run) throw new Error(`${name} is not in the folder any more`);
+  const its_case = `${name.replace(/-plan(-\d+)?$/, "")}.toml`;
+  if (run.kind === "plan" && opened.name === null && cases.some((one) => one.name === its_case)) await open_saved(its_case);
   await show_result(run, runs);
   if (run.kind === "plan") await open_plan(run.name, run.key, run.files.map((one) => one.name));
   else close_plan();

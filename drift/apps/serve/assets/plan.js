@@ -1,6 +1,6 @@
 // A plan on the map: its sub-areas, which can be moved and turned; the server computes the POS of each move.
 import { layer_of, on_map, search_shapes, shape } from "./drawn.js";
-import { tab, text } from "./editor.js";
+import { opened, tab, text } from "./editor.js";
 import * as form from "./form.js";
 import { ask, button, file_of, get, guarded, make } from "./kit.js";
 import * as sea from "./map.js";
@@ -269,6 +269,11 @@ async function compute() {
 /** @param {string} name */
 async function keep_area(name) {
   const { run, moves } = own;
+  const its_case = `${run.replace(/-plan(-\d+)?$/, "")}.toml`;
+  if (opened.name !== its_case) {
+    get("plan-said").textContent = `This is a plan of ${its_case}: open that case to keep a sub-area in it.`;
+    return;
+  }
   const kept = name in moves ? { [name]: moves[name] } : {};
   await form.work_on_text(null, async () => {
     /** @type {{text: string, name: string}} */
