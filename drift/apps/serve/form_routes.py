@@ -158,6 +158,12 @@ class FormRoutes:
             raise Invalid("give the name of a case")
         return str(self.folder / name)
 
+    async def warmed(self) -> None:
+        """Wait until the process that makes sketches has compiled what it needs."""
+        self._warm_up()
+        assert self._warming is not None
+        await asyncio.shield(self._warming)
+
     def _warm_up(self) -> None:
         if self._warming is None:
             self._warming = asyncio.create_task(_silent(self.sketching.ask("warm")))

@@ -94,7 +94,9 @@ class SearchRoutes:
     async def pos(self, body: dict[str, Any]) -> Any:
         """Return the POS of a plan with moved sub-areas."""
         check_keys(body, {"run", "moves"})
-        return await self.form.sketching.ask("plan/pos", **self._run(body), moves=_moves(body))
+        run, moves = self._run(body), _moves(body)
+        await self.form.warmed()  # else a move may wait for it
+        return await self.form.sketching.ask("plan/pos", **run, moves=moves)
 
     async def keep(self, body: dict[str, Any]) -> Any:
         """Return a text with a sub-area of a plan as one more sortie."""

@@ -47,7 +47,7 @@ async function refresh() {
   draw(told);
   const points = [...Object.keys(told.shapes.sortie).flatMap((k) => points_of("sortie", Number(k))),
     ...Object.keys(told.shapes.contact).flatMap((k) => points_of("contact", Number(k)))];
-  if (own.fresh && points.length) sea.look_at([sea.middle(), ...points]);
+  if (own.fresh && points.length && !sea.shown.areas) sea.look_at([sea.middle(), ...points]);
   own.fresh = false;
 }
 form.follow(refresh);
