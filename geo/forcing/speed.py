@@ -5,6 +5,7 @@ Usual spellings are looked up in a table; pint, which is slow to import, parses 
 
 import re
 import unicodedata
+from functools import cache
 from typing import Any
 
 from geo.errors import UserError
@@ -60,6 +61,14 @@ WORDS = (
 TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")
 
 
+@cache
+def _registry() -> Any:
+    """Return the units that pint knows. It takes half a second, which files in m/s do not need."""
+    import pint
+
+    return pint.UnitRegistry()
+
+
 def factor_to(unit: str, units: str) -> float:
     """Return the factor that converts values in some units to a unit.
 
@@ -75,8 +84,6 @@ def factor_to(unit: str, units: str) -> float:
         return _factor_of_scalar(unit, text)
     if text.lower() in COMMON:
         return COMMON[text.lower()]
-    import pint  # imported late: it takes a quarter of a second, which files in m/s do not need
-
     spelled = text
     for pattern, word in WORDS:
         spelled = pattern.sub(word, spelled)
@@ -86,10 +93,10 @@ def factor_to(unit: str, units: str) -> float:
     try:
         if TOWER.search(spelled):
             raise ValueError
-        registry: Any = pint.UnitRegistry()
+        registry = _registry()
         try:
             return float(registry(spelled).to("m/s").magnitude)
-        except pint.UndefinedUnitError:
+        except AttributeError:  # pint's for a unit that it does not know
             return float(registry(spelled.lower()).to("m/s").magnitude)  # Metres Per Second, KM/H
     except Exception as error:  # pint raises its own errors, and those of tokenizer and arithmetic
         raise UserError(
@@ -98,9 +105,7 @@ def factor_to(unit: str, units: str) -> float:
 
 
 def _factor_of_scalar(unit: str, text: str) -> float:
-    import pint  # imported late, as above
-
-    registry: Any = pint.UnitRegistry()
+    registry = _registry()
     try:
         if TOWER.search(text):
             raise ValueError

@@ -80,6 +80,7 @@ def test_a_shoreline_without_polygons(
         assert word in line
 
 
+@pytest.mark.thorough
 def test_a_shoreline_that_crosses_itself_is_repaired_and_that_is_said(tmp_path: Path) -> None:
     """A bow tie: two triangles that meet in the middle; its western one still catches what comes."""
     bow = {
@@ -229,6 +230,7 @@ def test_identical_finds(count: int, tmp_path: Path) -> None:
         assert total(spill, "ashore") == 0
 
 
+@pytest.mark.thorough
 def test_finds_that_may_all_be_false(tmp_path: Path) -> None:
     """More of them than objects: no error, for some must then be false."""
     spill = run(tmp_path, (FIND + AT + TEN + "false = 0.1\n") * 22)

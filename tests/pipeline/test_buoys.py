@@ -93,7 +93,7 @@ def expected(fixes: Fixes, last: float, dt: float, n: int, hours: float = 16) ->
     root = np.linalg.cholesky(covariance[np.ix_(pick, pick)] + 1e-10 * np.eye(k + 1))
     random = np.random.default_rng(11)
     normals = random.normal(size=(k + 1, n, 2))
-    drawn = mean[pick, 0][:, None] + np.einsum("ij,jnc->inc", root, normals)
+    drawn = mean[pick, 0][:, None] + np.tensordot(root, normals, axes=1)
     error, bias = drawn[:k], drawn[k]
     keep = np.exp(-dt / LAW.current_time)
     own, own_bias, place = random.normal(size=(3, n, 2))

@@ -128,6 +128,7 @@ def geodesic(lon1: float, lat1: float, lon2: float, lat2: float) -> float:
     return float(pyproj.Geod(a=6_371_008.8, b=6_371_008.8).inv(lon1, lat1, lon2, lat2)[2]) / 1852
 
 
+@pytest.mark.thorough
 def test_a_start_outside_a_source_is_told_with_distance_and_direction(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

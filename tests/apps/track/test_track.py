@@ -185,6 +185,7 @@ def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(
     )
 
 
+@pytest.mark.thorough
 def test_the_command_writes_the_same_bits_with_one_thread_and_two(
     contact: tuple[Regained, Path], one_thread: Process, tmp_path: Path
 ) -> None:

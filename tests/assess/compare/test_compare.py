@@ -174,6 +174,7 @@ def test_files_hold_what_was_found(
     assert "nothing to compare with" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_the_report_says_where_the_cases_began(search: drift.Case) -> None:
     """Once where they began alike, else of each; the cases of `drift compare` go through
     facts.setting, as maps do.

@@ -133,6 +133,7 @@ def test_a_tracking_case_has_its_own_ways_and_figures(tmp_path: Path) -> None:
     assert text.groups_of_equal_ways(found)[0] == [0, 1, 2]
 
 
+@pytest.mark.thorough
 def test_how_often_areas_hold_the_target_is_told_at_each_time(tmp_path: Path) -> None:
     """While a track is held at every time the mean over times is that of the runs, of errors and of
     areas.

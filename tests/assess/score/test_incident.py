@@ -74,6 +74,7 @@ def test_containment_and_separation(
     assert found.hours == pytest.approx(hours, abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_simulated_truths_are_uniform(run: incident.Run) -> None:
     """300 objects drawn like the particles, at times of their own: Kolmogorov and Smirnov."""
     rng = np.random.default_rng(5)

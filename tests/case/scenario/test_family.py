@@ -307,6 +307,7 @@ def test_a_family_beside_a_spill(tmp_path: Path) -> None:
     assert any("spill" in line for line in lines)
 
 
+@pytest.mark.thorough
 def test_too_many_together(tmp_path: Path) -> None:
     other = FAMILY.replace('"transit"', '"other"').replace("ranges = 10", "ranges = 330")
     (line,) = refused(tmp_path, {}, HEAD + FAMILY + other)

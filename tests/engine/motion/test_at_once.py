@@ -96,7 +96,7 @@ def moved(direction: int, place: dict[str, Any]) -> tuple[dict[str, np.ndarray],
 @pytest.mark.parametrize(
     "place",
     [
-        {},
+        pytest.param({}, marks=pytest.mark.thorough),
         {
             "beach": kernel.Beach(5000.0, 100.0),
             "sinks": True,

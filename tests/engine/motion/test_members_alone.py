@@ -75,6 +75,11 @@ belief = 0.5
 """
 
 
+RAFT = (
+    CASE[: CASE.index('[[scenario]]\nname = "vessel"')]
+    .replace("land.geojson", "none")
+    .replace(', behaviour = "refloat", half_life = "3 h"', "")
+)
 SORTIE = """
 [[sortie]]
 name = "square"
@@ -97,8 +102,8 @@ class Run:
     search: SearchFilter | None
 
 
-def moved(folder: Path, current: str, wind: str, more: str = "") -> Run:
-    """Return a run of CASE."""
+def moved(folder: Path, current: str, wind: str, more: str = "", text: str = CASE) -> Run:
+    """Return a run of a case."""
     ring = [[5.6, 59.0], [6.4, 59.0], [6.4, 61.0], [5.6, 61.0], [5.6, 59.0]]
     land = {
         "type": "Feature",
@@ -108,7 +113,7 @@ def moved(folder: Path, current: str, wind: str, more: str = "") -> Run:
     (folder / "land.geojson").write_text(
         json.dumps({"type": "FeatureCollection", "features": [land]})
     )
-    (folder / "case.toml").write_text(CASE.format(current=current, wind=wind, more=more))
+    (folder / "case.toml").write_text(text.format(current=current, wind=wind, more=more))
     case = drift.load(folder / "case.toml")
     begin = run_setup.prepare(case, run_setup.open_for(case))
     search = run_setup.build_search_filter(case, begin)
@@ -181,17 +186,23 @@ def test_debris_drifts_in_the_member_of_its_object(runs: tuple[Run, list[Run]]) 
     np.testing.assert_array_equal(member, members.member_of_particles(runs[0].ensemble))
 
 
-def test_a_pattern_drifts_with_the_water_of_each_member(runs: tuple[Run, list[Run]]) -> None:
+@pytest.mark.parametrize(
+    "scenarios", ["raft", pytest.param("raft and vessel", marks=pytest.mark.thorough)]
+)
+def test_a_pattern_drifts_with_the_water_of_each_member(tmp_path: Path, scenarios: str) -> None:
     """A square about a datum that drifts: each particle is missed as in its member alone, adrift or
     under way.
 
     Weights differ by the same prior for all of a scenario: single precision of their logarithms,
     about 10, twice.
     """
-    member, weight = members.member_of_particles(runs[0].ensemble), runs[0].searched
+    text = CASE if scenarios == "raft and vessel" else RAFT
+    together = moved(tmp_path, typed(FLOW), typed(AIR), SORTIE, text)
+    member, weight = members.member_of_particles(together.ensemble), together.searched
     assert member is not None
     seen = np.zeros(3)
-    for k, alone in enumerate(runs[1]):
+    for k, (flow, air) in enumerate(zip(FLOW, AIR, strict=True)):
+        alone = moved(tmp_path, f"constant = {flow}", f"constant = {air}", SORTIE, text)
         for first, last in alone.ensemble.scenarios:
             own = np.flatnonzero(member[first:last] == k) + first
             lost = alone.searched[own] - alone.searched[own].max()
@@ -201,12 +212,7 @@ def test_a_pattern_drifts_with_the_water_of_each_member(runs: tuple[Run, list[Ru
 
 
 def test_drifters_are_compared_with_one_member(tmp_path: Path) -> None:
-    text = (
-        CASE[: CASE.index('[[scenario]]\nname = "vessel"')]
-        .replace("land.geojson", "none")
-        .replace(', behaviour = "refloat", half_life = "3 h"', "")
-    )
-    (tmp_path / "case.toml").write_text(text.format(more="", current=typed(FLOW), wind=typed(AIR)))
+    (tmp_path / "case.toml").write_text(RAFT.format(more="", current=typed(FLOW), wind=typed(AIR)))
     time = np.datetime64("2026-03-05T01:00", "s").astype(np.int64) + 3600 * np.arange(5)
     track = Track("buoy", time, 5.0 + 0.01 * np.arange(5), 60.0 + 0.0 * np.arange(5), {})
     with pytest.raises(

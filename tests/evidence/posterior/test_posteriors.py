@@ -172,7 +172,7 @@ def test_a_contact_on_the_time_of_distress(tmp_path: Path) -> None:
         contact=CONTACT.format(name="seen", hours=19, lon=at[0], lat=at[1], error=13),
     )  # fmt: skip
     posteriors, _ = believed(case)
-    rng, n = np.random.default_rng(23), 1_000_000
+    rng, n = np.random.default_rng(23), 300_000
     departure = rng.uniform(1, 9, n) * HOUR
     speed = triangle(rng, 5 * KNOT, 7 * KNOT, 11 * KNOT, 4.0, n)
     distress = rng.uniform(4, 41, n) * HOUR

@@ -43,7 +43,7 @@ def scenario(name: str, at: tuple[float, float], std: str) -> str:
 STILL = '[[current]]\nconstant = { speed = "0 kn", toward = 0 }\n'
 
 
-@pytest.mark.parametrize("step", [7, 60])
+@pytest.mark.parametrize("step", [pytest.param(7, marks=pytest.mark.thorough), 60])
 @pytest.mark.parametrize(
     ("at", "middle", "std", "level"),
     [

@@ -73,7 +73,9 @@ JOBS = {
 }
 
 
-@pytest.mark.parametrize("job", JOBS)
+@pytest.mark.parametrize(
+    "job", ["run", "plan", "spill", pytest.param("origin", marks=pytest.mark.thorough)]
+)
 def test_the_default_errors_reach_what_drifts(tmp_path, monkeypatch, job) -> None:
     """A case that is silent, in an even current read from a file: its particles spread by the law
     of docs/errors.md.

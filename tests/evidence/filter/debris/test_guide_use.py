@@ -96,6 +96,7 @@ def test_shards_and_resampling(tmp_path):
     np.testing.assert_array_equal(whole.probability.values, parts.probability.values)
 
 
+@pytest.mark.thorough
 def test_only_positions_of_debris_have_guide(tmp_path):
     """The key is rejected where it does nothing, and a warning of few particles names the find's
     error and the key.
