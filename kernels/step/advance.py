@@ -48,7 +48,7 @@ from kernels.step.features import (
     TAIL,
     WIND,
 )
-from kernels.step.life import ASHORE, SUNK
+from kernels.step.life import ASHORE, OUTSIDE, SUNK
 from kernels.step.sample import Ranges, Sea, Tiles, members_of, numbers_of
 from kernels.step.velocity import Drifter, drift
 
@@ -112,6 +112,7 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
     """
     chance, lines = bool(features & (DIFFUSION | ERRORS)), bool(features & LINES)
     walks, wanders, beached = (bool(features & bit) for bit in (DIFFUSION, ERRORS, REFLOAT))
+    changes = bool(features & CHANGES)
     reals = {
         "dt": 1,  # [s] during which it moves
         "begin": 1,  # share of the lattice step at which it starts
@@ -135,6 +136,10 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
         "total": 2,
         "valid": 1,
         "sets_off": 1,  # see kernels.step.integrate
+        # of changes of state: winds at both ends of the step, its length, what is left of the waits
+        "winds": 4 * changes,
+        "span": 1 * changes,
+        "wait": change.MOST * changes,
     }
     ints = {
         "moving": 1,  # whether it moves
@@ -388,6 +393,7 @@ def _end(
     held: ti.template(),
     j: ti.i32,
     bend: f32x4,
+    table: ti.template(),
     core: ti.template(),
     own: ti.template(),
     coast: ti.template(),
@@ -448,15 +454,21 @@ def _end(
     life.ending(
         core, terms, i, met, number, part, known, x_end, y_end, left, finish, elapsed + duration
     )
+    if ti.static(features & CHANGES):
+        adrift_until = finish
+        if core.status[i] == ASHORE or core.status[i] == OUTSIDE:
+            adrift_until = core.status_since[i]
+        change.change(features, held, j, adrift_until, True, table, core, own, terms, n)
 
 
 def _late(features: int) -> bool:
     """Return whether the few particles near the shore are processed in a separate loop.
 
     This is so on a graphics card: the shore's 64-bit integers need twice the registers of
-    everything else, and every thread would be given them.
+    everything else, and every thread would be given them. Changes of state need what is known of
+    the step at its end.
     """
-    return bool(features & COAST) and bundle.alone()
+    return bool(features & COAST) and not features & CHANGES and bundle.alone()
 
 
 @ti.func
@@ -522,7 +534,12 @@ def _lead(
                             held.begin[0, j],
                             held.begin[0, j] + held.share[0, j],
                         )
-                change.change(features, held, j, winds, table, core, own, terms, n)
+                for k in ti.static(range(4)):
+                    held.winds[k, j] = winds[k]
+                held.span[0, j] = ti.max(held.dt[0, j], 1.0)
+                change.change(
+                    features, held, j, held.finish[0, j], False, table, core, own, terms, n
+                )
     scheme = ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT)
     # The loop runs at run time: unrolled it takes three times as long to compile and runs no
     # faster.
@@ -642,6 +659,7 @@ def _lead(
                         held,
                         j,
                         _bend(features, held, j),
+                        table,
                         core,
                         own,
                         coast,
@@ -657,6 +675,7 @@ def _lead(
                     held,
                     j,
                     _bend(features, held, j),
+                    table,
                     core,
                     own,
                     coast,
@@ -751,7 +770,21 @@ def _advance(
             if ti.static(features & DIFFUSION):
                 dt = ti.cast(held.finish[0, 0] - held.left[0, 0], ti.f32)
                 held.variance[0, 0] = errors.variance(table, held.story[0, 0], dt)
-            _end(features, held, 0, curved, core, own, coast, terms, n, elapsed, duration, step)
+            _end(
+                features,
+                held,
+                0,
+                curved,
+                table,
+                core,
+                own,
+                coast,
+                terms,
+                n,
+                elapsed,
+                duration,
+                step,
+            )
 
 
 class Beach(NamedTuple):

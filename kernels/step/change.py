@@ -1,7 +1,7 @@
 """Changes of state on the way: an object capsizes, is swamped or sinks, a person leaves a raft.
 
 State 0 is the object as it went adrift, state k + 1 what change k of its scenario leads to. A change
-comes at a time that was drawn, or by the wind: its hazard at wind speed W is
+comes at a time that was drawn, or at a rate: its hazard is the rate, or at wind speed W
 
     rate / (1 + exp((at - W) / width)),
 
@@ -11,8 +11,8 @@ So its distribution does not depend on the steps. Along a step the wind that the
 taken as linear between both ends.
 
 Columns are rows of the array of the leeway lines, after these: the state, then for each change when
-it came and its wait, which is a time [s] or, of a change by the wind, what is left of the integral.
-A particle changes only while adrift.
+it came and its wait: a time [s]; at a rate, how long it still has to be adrift [s]; by the wind, what
+is left of the integral. A particle changes only while adrift.
 """
 
 from collections.abc import Sequence
@@ -30,6 +30,7 @@ from kernels.step.prior import REDRAWS
 from kernels.step.velocity import WIND_FROM, forcing_at
 
 f32x2 = ti.types.vector(2, ti.f32)
+f32x4 = ti.types.vector(4, ti.f32)
 f32x6 = ti.types.vector(6, ti.f32)
 
 # Row of the state among those of the leeway lines, and then two rows for each change: when it came,
@@ -44,9 +45,11 @@ LEAVES, COMES, RATE, BLOWS, WIDTH, SINKS, KEEPS = range(7)
 LINE = 7
 PER_LINE = 5
 NUMBERS = LINE + PER_LINE * LEEWAY_LINES
-# How a change comes: at a time after its state began, at a time of the run, by the wind.
-AFTER, AT, BY_WIND = range(3)
+# How a change comes: at a time after its state began, at a time of the run, by the wind, at a rate.
+AFTER, AT, BY_WIND, AT_RATE = range(4)
 LATEST = 1e9  # [s] latest time of a change
+MOST = 16  # changes of one scenario: that of drift.case.scenario.change
+MOST_LINES = MOST * LEEWAY_LINES
 PANELS = 4  # of the midpoint rule for a step's integral of the hazard
 
 
@@ -87,17 +90,26 @@ def _spend(
 
 @ti.func
 def _draw_line(
-    table: ti.template(), at: ti.i32, terms: ti.template(), slot: ti.i32, number: ti.i32
+    table: ti.template(),
+    at: ti.i32,
+    terms: ti.template(),
+    slot: ti.i32,
+    number: ti.i32,
+    time: ti.i32,
 ) -> f32x2:
     """Return slope and offset [m/s] of a leeway line of the new state: see prior.draw_object.
 
-    at: the line in the table; number: of the line among all of the scenario's changes.
+    at: the line in the table; number: of the line among all of the scenario's changes. time: of the
+    change [s]: after resampling, a slot may change to a state that a former particle of the slot
+    has changed to.
     """
     mean, least = table[at], table[at + 4]
     slope, n = least, (least - mean) / ti.max(table[at + 2], 1e-30)
     k, found = 0, 0
     while found == 0 and k < REDRAWS:
-        w = noise.further(terms.seed0, terms.seed1, noise.STREAM_CHANGED, slot, number, k)
+        w = noise.further(
+            terms.seed0, terms.seed1, noise.STREAM_CHANGED, slot, time, number + k * MOST_LINES
+        )
         drawn = noise.normals(w[0], w[1])[0]
         k += 1
         if mean + table[at + 2] * drawn >= least:
@@ -145,7 +157,7 @@ def _whole_second(seconds: ti.f32, since: ti.i32) -> ti.i32:
 
 @ti.func
 def _began(core: ti.template(), own: ti.template(), i: ti.i32, state: ti.i32, n: ti.i32) -> ti.f32:
-    """Return when the present state of particle i began [s]: its release, or a change."""
+    """Return when the state of particle i at the begin of its step began [s]."""
     began = ti.cast(core.release[i], ti.f32)
     if state > 0:
         began = own.leeway_rows[(CAME + 2 * state - 2) * n + i]
@@ -170,74 +182,82 @@ def change(
     features: ti.template(),
     held: ti.template(),
     j: ti.i32,
-    winds: ti.template(),
+    finish: ti.i32,
+    for_good: ti.template(),
     table: ti.template(),
     core: ti.template(),
     own: ti.template(),
     terms: ti.template(),
     n: ti.i32,
 ):
-    """Let the changes of a step come to particle j of the bundle, before it moves.
+    """Let the changes of a step come to particle j of the bundle.
 
-    held, table, terms: see kernels.step.advance. winds: see `winds_felt`. n: length of a row. In
-    the step of a change the particle drifts along the mean of its leeway lines before and after,
-    each as long as it holds: leeway is linear in them. If it sinks, its step ends there.
+    It is called twice. Before the particle moves, only its step changes: it drifts along the mean of
+    its leeway lines before and after, each as long as it holds, since leeway is linear in them. If
+    it sinks, its step ends there. After it has moved, `for_good`, the columns change: up to
+    `finish`, since it may have met the shore.
+
+    held, table, terms: see kernels.step.advance. n: length of a row.
     """
     i = held.i[0, j]
     base = terms.changes_at + held.story[0, j] * terms.changes * NUMBERS
     state = ti.cast(own.leeway_rows[STATE * n + i], ti.i32)
-    begin, since, finish = held.left[0, j], held.left[0, j], held.finish[0, j]
-    span = ti.max(held.dt[0, j], 1.0)
+    begin, since, until, span = held.left[0, j], held.left[0, j], finish, held.span[0, j]
+    winds = f32x4([held.winds[k, j] for k in ti.static(range(4))])
     line, mixed = f32x6(0.0), f32x6(0.0)  # lines now; their sum over the step so far, times seconds
     if ti.static(features & LINES):
         for m in ti.static(range(6)):
-            line[m] = held.line[m, j]
+            line[m] = own.leeway_rows[m * n + i]
+    for k in range(terms.changes):
+        held.wait[k, j] = own.leeway_rows[(WAIT + 2 * k) * n + i]
     going, changed = 1, 0
     for _ in range(terms.changes):
         if going == 1:
-            first, which = finish + 1, -1
+            first, which = until + 1, -1
             from_share = ti.cast(since - begin, ti.f32) / span
             for k in range(terms.changes):
                 at = base + k * NUMBERS
                 if (ti.cast(table[at + LEAVES], ti.i32) >> state) & 1 == 1:
-                    wait, due = own.leeway_rows[(WAIT + 2 * k) * n + i], since
+                    wait, due = held.wait[k, j], since
                     if table[at + COMES] == BY_WIND:
                         coming = _spend(table, at, winds, from_share, 1.0, wait / span)
                         due = _whole_second(coming[1] * span, begin)
+                    elif table[at + COMES] == AT_RATE:
+                        due = _whole_second(wait, since)
                     else:
                         if table[at + COMES] == AFTER:
-                            wait += _began(core, own, i, state, n)
+                            wait += ti.select(
+                                changed == 1, ti.cast(since, ti.f32), _began(core, own, i, state, n)
+                            )
                         due = _whole_second(wait, 0)
                     due = ti.max(due, since)
+                    if table[at + SINKS] > 0.5:
+                        # at least a second, so that the step of a sinking particle has a length
+                        due = ti.max(due, begin + 1)
                     if due < first:
                         first, which = due, k
-            first = ti.min(first, finish)
-            until = ti.cast(first - begin, ti.f32) / span
+            first = ti.min(first, until)
+            share = ti.cast(first - begin, ti.f32) / span
             for k in range(terms.changes):
                 at = base + k * NUMBERS
                 if (ti.cast(table[at + LEAVES], ti.i32) >> state) & 1 == 1:
                     if table[at + COMES] == BY_WIND:
-                        spent = _spend(table, at, winds, from_share, until, 0.0)
-                        own.leeway_rows[(WAIT + 2 * k) * n + i] -= spent[0] * span
-                    elif table[at + RATE] > 0.0 and which >= 0:
-                        # from now on it counts from the begin of the next state
-                        own.leeway_rows[(WAIT + 2 * k) * n + i] -= ti.cast(first, ti.f32) - _began(
-                            core, own, i, state, n
-                        )
+                        spent = _spend(table, at, winds, from_share, share, 0.0)
+                        held.wait[k, j] -= spent[0] * span
+                    elif table[at + COMES] == AT_RATE:
+                        held.wait[k, j] -= ti.cast(first - since, ti.f32)
             if which < 0:
                 going = 0
             else:
                 at = base + which * NUMBERS
-                if table[at + SINKS] > 0.5:
-                    # at least a second, so that the step of a sinking particle has a length
-                    first = ti.max(first, begin + 1)
                 mixed += ti.cast(first - since, ti.f32) * line
                 since, state, changed = first, which + 1, 1
-                own.leeway_rows[STATE * n + i] = ti.cast(state, ti.f32)
-                own.leeway_rows[(CAME + 2 * which) * n + i] = ti.cast(first, ti.f32)
+                if ti.static(for_good):
+                    own.leeway_rows[(CAME + 2 * which) * n + i] = ti.cast(first, ti.f32)
                 if table[at + SINKS] > 0.5:
-                    finish, going = first, 0
-                    core.sink_time[i] = first
+                    until, going = first, 0
+                    if ti.static(for_good):
+                        core.sink_time[i] = first
                 elif ti.static(bool(features & LINES)):
                     for m in ti.static(range(3)):
                         drawn = _draw_line(
@@ -246,18 +266,24 @@ def change(
                             terms,
                             held.slot[0, j],
                             3 * which + m,
+                            first,
                         )
                         for p in ti.static(range(2)):
                             line[2 * m + p] = table[at + KEEPS] * line[2 * m + p] + drawn[p]
-    if changed == 1:
-        mixed += ti.cast(finish - since, ti.f32) * line
-        lasts = ti.cast(finish - begin, ti.f32)
+    if ti.static(for_good):
+        own.leeway_rows[STATE * n + i] = ti.cast(state, ti.f32)
+        for k in range(terms.changes):
+            own.leeway_rows[(WAIT + 2 * k) * n + i] = held.wait[k, j]
         if ti.static(features & LINES):
             for m in ti.static(range(6)):
                 own.leeway_rows[m * n + i] = line[m]
-                held.line[m, j] = mixed[m] / ti.max(lasts, 1.0)
-        if finish < held.finish[0, j]:
-            _cut_short(features, held, j, finish)
+    elif changed == 1:
+        mixed += ti.cast(until - since, ti.f32) * line
+        if ti.static(features & LINES):
+            for m in ti.static(range(6)):
+                held.line[m, j] = mixed[m] / ti.max(ti.cast(until - begin, ti.f32), 1.0)
+        if until < held.finish[0, j]:
+            _cut_short(features, held, j, until)
 
 
 @ti.kernel

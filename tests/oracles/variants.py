@@ -33,6 +33,8 @@ EVERYTHING = (1 << 18) - 1 | features.SHARED | features.TAIL | features.CHANGES
 ROUND_THE_POLE = features.POLAR | features.LAYERS | features.MEMBERS
 USUAL = features.CURRENT | features.WIND | features.ERRORS | features.JIBE | features.RK4
 USUAL |= features.DIFFUSION | features.BIAS
+# on a card what is near the shore is moved late, but for changes of state
+LATE = EVERYTHING & ~ROUND_THE_POLE & ~features.CHANGES
 YES_OR_NO = (False, True)
 FIELDS = (observe.LINE, observe.BOX, observe.IN_BOX, observe.DISC, observe.IN_DISC)
 SWEEPS = (sweep.CUBE, sweep.ABEAM, sweep.ZONES, sweep.INSIDE)
@@ -52,7 +54,7 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "bridged": YES_OR_NO,
     "coastal": YES_OR_NO,
     "cube": YES_OR_NO,
-    "features": (features.CURRENT, USUAL, EVERYTHING & ~ROUND_THE_POLE, EVERYTHING),
+    "features": (features.CURRENT, USUAL, LATE, EVERYTHING & ~ROUND_THE_POLE, EVERYTHING),
     "function": (_downwind,),
     "listed": YES_OR_NO,
     "meaning": (sweep.HAZARD, sweep.SHARE, sweep.MISS),

@@ -180,7 +180,9 @@ def _areas_of_all(job: Job, found: Sequence[Source]) -> tuple[Array, Array]:
                 every = _areas(case, [snapshot, *parts], is_land)
                 areas[coalition, time], batches[:, coalition, time] = every[0], every[1:]
         job.tell("drift", (coalition + 1) / many)
-    return areas, batches
+    _check_areas(case, areas[-1], batches[:, -1])
+    # with some sources off, nothing may be left on the map: there is no area
+    return np.nan_to_num(areas), np.nan_to_num(batches)
 
 
 @contextmanager
@@ -213,6 +215,17 @@ def _check_snapshots(case: Case, snapshots: Sequence[Snapshot]) -> None:
                 f"--time TIME: at {notation.format_dtg(snapshot.time)} {notation.percent(pending)} of "
                 f"the probability of {case.path.name} is not adrift yet; choose a later time"
             )
+
+
+def _check_areas(case: Case, areas: Array, batches: Array) -> None:
+    """Raise UserError for a time at which all particles, or those of a batch, are off the map."""
+    empty = (np.isnan(areas) | np.isnan(batches).any(axis=0)).any(axis=1)
+    if empty.any():
+        time = case.outputs[int(np.argmax(empty))]
+        raise UserError(
+            f"--time TIME: at {notation.format_dtg(time)} nothing is left on the map, or too little to divide its "
+            "area: the objects have sunk or have left the map; choose an earlier time, or more --particles"
+        )
 
 
 def _batch(snapshot: Snapshot, batch: int) -> Snapshot:

@@ -63,6 +63,8 @@ class Rows:
                 if len(needed) == 2
                 else f"{', '.join(needed)} are needed"
             )
+            if len(needed) == len(allowed):
+                first = "all are needed"
             raise UserError(f"{self.name}: {wrong}; allowed are {', '.join(allowed)}, {first}")
 
     def __iter__(self) -> Iterator[tuple[int, dict[str, str] | None]]:

@@ -4,6 +4,7 @@ kernels.step.change makes the changes. State 0 is the object as it went adrift, 
 change k of its scenario leads to.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -43,7 +44,9 @@ def rows(changes: Sequence[Change]) -> tuple[tuple[float, ...], ...]:
 def _row(one: Change) -> tuple[float, ...]:
     still = Line()
     new = one.object or Drifter("", "", still, still, still)
-    comes = kernel.BY_WIND if one.wind else _clock(one)
+    comes = kernel.BY_WIND if one.wind else kernel.AT_RATE
+    if one.time is not None:
+        comes = kernel.AFTER if one.after else kernel.AT
     keeps = 0.0 if one.object else one.leeway
     lines: list[float] = []
     for line in (new.down, new.right, new.left):
@@ -51,10 +54,6 @@ def _row(one: Change) -> tuple[float, ...]:
         lines += [line.slope, line.offset, line.slope_std, line.offset_std, least]
     leaves = sum(1 << state for state in one.leaves)
     return (leaves, comes, one.rate, *(one.wind or (0.0, 1.0)), float(one.sinks), keeps, *lines)
-
-
-def _clock(one: Change) -> int:
-    return int(kernel.AT if one.time is not None and not one.after else kernel.AFTER)
 
 
 def draw(ensemble: Ensemble, slots: Slots, key: tuple[int, int], changes: Sequence[Change]) -> None:
@@ -90,22 +89,6 @@ def draw_again(ensemble: Ensemble, scenarios: Sequence[Scenario], time: int) -> 
             if not one.memoryless or slots.first == slots.last:
                 continue
             _draw_wait(ensemble, slots, key, number, one, max(time, 1))
-            if one.wind is None:
-                column = ensemble.own[f"wait_{number + 1}"]
-                waits, own = column.to_numpy(), slice(slots.first, slots.last)
-                since = _began(ensemble, len(scenario.changes))[own]
-                waits[own] += np.maximum(time - since, 0.0)
-                column.from_numpy(waits)
-
-
-def _began(ensemble: Ensemble, most: int) -> Array:
-    """Return when each particle's present state began [s after start], float64 (n,)."""
-    began = ensemble.release.to_numpy().astype(np.float64)
-    state = ensemble.own[STATE].to_numpy().astype(np.int64)
-    for number in range(1, most + 1):
-        came = ensemble.own[f"changed_{number}"].to_numpy()
-        began = np.where(state == number, came, began)
-    return np.asarray(began)
 
 
 def any_changes(scenarios: Sequence[Scenario]) -> bool:
@@ -113,22 +96,21 @@ def any_changes(scenarios: Sequence[Scenario]) -> bool:
     return any(scenario.changes for scenario in scenarios)
 
 
-def state_at(
-    ensemble: Ensemble, scenarios: Sequence[Scenario], time: float, *, afloat: bool = False
-) -> Array:
+def state_at(ensemble: Ensemble, time: float, *, afloat: Sequence[Scenario] = ()) -> Array:
     """Return the state of each particle at a time up to the end of the last step, int (n,).
 
-    afloat: of those that have sunk, the last state before.
+    The column of the state is that at the end of the step, which may be later. afloat: scenarios of
+    the run; then, of those that have sunk, the last state before.
     """
     state, latest = np.zeros(ensemble.n, np.int64), np.full(ensemble.n, -np.inf)
     scenario = ensemble.scenario.to_numpy()
-    for number in range(1, max(len(own.changes) for own in scenarios) + 1):
+    for number in itertools.takewhile(
+        lambda number: f"changed_{number}" in ensemble.own, itertools.count(1)
+    ):
         came = ensemble.own[f"changed_{number}"].to_numpy()
         now = (came <= time) & (came >= latest)
         if afloat:
-            sinks = [
-                len(own.changes) >= number and own.changes[number - 1].sinks for own in scenarios
-            ]
+            sinks = [len(own.changes) >= number and own.changes[number - 1].sinks for own in afloat]
             now &= ~np.array(sinks)[scenario]
         state, latest = np.where(now, number, state), np.where(now, came, latest)
     return state

@@ -114,10 +114,15 @@ class ShardFile:
                 where["family"] = before["family"]
             self.taken.append(SnapshotIndex(period.time(moment.elapsed), moment.layout, where))
 
-    def record_end(self, ensemble: Ensemble) -> None:
-        """Store an ensemble's columns at the end of the run."""
-        for name in (*END, *sorted({members.COLUMN.name, changes.STATE} & {*ensemble.own})):
+    def record_end(self, ensemble: Ensemble, end: int) -> None:
+        """Store an ensemble's columns at the end of the run [s after start].
+
+        They are those at the end of its last step, which may be later; the state is that at `end`.
+        """
+        for name in (*END, *({members.COLUMN.name} & {*ensemble.own})):
             self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())
+        if changes.STATE in ensemble.own:
+            self.end[changes.STATE] = self._keep(changes.STATE, changes.state_at(ensemble, end))
 
     @property
     def empty(self) -> bool:
@@ -290,7 +295,7 @@ class SnapshotStore(Sequence[Snapshot]):
         reel = ShardFile(file, ensemble.n)
         try:
             reel.record(period, moments)
-            reel.record_end(ensemble)
+            reel.record_end(ensemble, period.duration)
             if more:
                 more(reel)
         except NoRoom as error:

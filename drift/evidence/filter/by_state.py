@@ -79,7 +79,7 @@ class SortieByState:
         if keep:
             self._exposed_until = max(last, self._exposed_until)
         middle = 0.5 * (first + last)
-        state = changes.state_at(ensemble, self._scenarios, middle, afloat=True)
+        state = changes.state_at(ensemble, middle, afloat=self._scenarios)
         return [
             part.expose(ensemble, begin, helm, step, until, keep, state == number)
             for number, part in enumerate(self._parts)

@@ -403,7 +403,7 @@ class SearchFilter:
     def _in_state(self, name: str, time: int) -> Array:
         """Return which particles are in the state of a name at a time, bool (n,)."""
         scenarios = self._spec.scenarios
-        now = changes.state_at(self.ensemble, scenarios, time)
+        now = changes.state_at(self.ensemble, time)
         number = changes.numbered(scenarios)[self.ensemble.scenario.to_numpy(), now]
         return np.asarray(number == changes.names_of(scenarios).index(name))
 

@@ -26,7 +26,10 @@ class Beliefs:
         """
         self._spec, self.source = spec, source
         self._stages: list[Stage] = []
-        told = (_told(quantity, source.columns(quantity), columns, spec) for quantity in QUANTITIES)
+        told = (
+            _told(quantity, source.columns(quantity, None), columns, spec)
+            for quantity in QUANTITIES
+        )
         self._told = [one for one in told if one is not None]
         self._own = {
             quantity.name: np.arange(len(spec.scenarios))
@@ -55,7 +58,7 @@ class Beliefs:
         if not self._told:
             return
         own = marginal.weighted(columns)
-        told = tuple(self._marginal_of(told, own) for told in self._told)
+        told = tuple(self._marginal_of(told, own, time) for told in self._told)
         scenarios = own.total[:-1] / own.total[-1]
         self._stages.append(
             Stage(len(self._stages), name, kind, time, float(own.ess[-1]), scenarios, told)
@@ -72,10 +75,12 @@ class Beliefs:
             names, self._spec.period, tuple(self._told), tuple(self._stages), families
         )
 
-    def _marginal_of(self, told: RangedQuantity, own: marginal.Weighted) -> Marginal:
+    def _marginal_of(
+        self, told: RangedQuantity, own: marginal.Weighted, time: np.datetime64
+    ) -> Marginal:
         if told.quantity.by_scenario:
             return marginal.of_scenarios(own, self._own[told.quantity.name], len(told.labels))
-        found = self.source.columns(told.quantity)
+        found = self.source.columns(told.quantity, time)
         assert found is not None
         if told.quantity.kind == "category":
             return marginal.of_category(own, found, len(told.labels))

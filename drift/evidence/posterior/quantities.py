@@ -112,11 +112,11 @@ def _sides(spec: EnsembleSpec) -> tuple[str, ...]:
 
 
 def _state(drawn: Drawn) -> Values | None:
-    """Return what has become of each object by now; it applies to objects that may change."""
+    """Return what has become of each object at the time; it applies to objects that may change."""
     if changes.STATE not in drawn.ensemble.own:
         return None
     scenarios, ensemble = drawn.spec.scenarios, drawn.ensemble
-    now = ensemble.own[changes.STATE].to_numpy().astype(np.int64)
+    now = changes.state_at(ensemble, drawn.elapsed)
     may_change = np.array([bool(scenario.changes) for scenario in scenarios])
     number = changes.numbered(scenarios)[drawn.scenario, now]
     return Values(number, may_change[drawn.scenario])

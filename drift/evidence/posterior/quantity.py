@@ -21,6 +21,8 @@ class Drawn(NamedTuple):
     ensemble: Ensemble
     scenario: Array  # (n,) int
     settled: Settled | None  # None: nothing steers
+    # [s after start] the time, in the step just made: columns of the ensemble are those at its end
+    elapsed: int
 
 
 class Values(NamedTuple):

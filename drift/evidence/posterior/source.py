@@ -17,10 +17,10 @@ from geo.array import Array
 class Source(Protocol):
     """The particles of a run at some time."""
 
-    def columns(self, quantity: Quantity) -> Columns | None:
-        """Return a quantity of the particles, as columns by the names of `Values`.
+    def columns(self, quantity: Quantity, time: np.datetime64 | None) -> Columns | None:
+        """Return a quantity of the particles at a time, as columns by the names of `Values`.
 
-        Return None if no particle has it.
+        The time lies in the step just made; None: the start of the run. Return None if no particle has the quantity.
         """
 
 
@@ -33,8 +33,8 @@ class Particles:
         self._birth: Array | None = None
         self._settled: Settled | None = None
 
-    def columns(self, quantity: Quantity) -> Columns | None:
-        """Return a quantity of the particles.
+    def columns(self, quantity: Quantity, time: np.datetime64 | None) -> Columns | None:
+        """Return a quantity of the particles at a time.
 
         Values that are fixed at birth are read again if births have changed.
         """
@@ -46,5 +46,6 @@ class Particles:
                     settled.read_settled(self._ensemble, self._steering),
                 )
         scenario = self._ensemble.scenario.to_numpy().astype(np.int64)
-        found = quantity.of(Drawn(self._spec, self._ensemble, scenario, self._settled))
+        elapsed = 0 if time is None else self._spec.period.elapsed(time)
+        found = quantity.of(Drawn(self._spec, self._ensemble, scenario, self._settled, elapsed))
         return None if found is None else Columns.held(self._ensemble.blocks, found._asdict())

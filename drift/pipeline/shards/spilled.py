@@ -114,7 +114,7 @@ class Unit:
             watch = landings.watch if landings.refloats else None
             moments = simulate.run(ensemble, own, self.clock, outputs, tell, watch)
             reel.record(case.period, moments)
-        reel.record_end(ensemble)
+        reel.record_end(ensemble, case.period.duration)
         landings.note(reel)
         reel.note(DRY, dry)
 

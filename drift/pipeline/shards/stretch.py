@@ -89,7 +89,7 @@ class Stretch:
         """Store the weights, release times and reported quantities at the start of the run."""
         self._reel.note("log_weight", log_weight)
         self._reel.note("release", release)
-        self._values("begin")
+        self._values("begin", None)
 
     def begin(self, elapsed: int, until: int) -> None:
         """Record the start of a step; store the state if a doubtful contact falls into the step."""
@@ -107,7 +107,7 @@ class Stretch:
         number = len(self._events)
         for name in event.columns.read:
             self._reel.note(f"{number} {name}", event.columns.whole(name))
-        self._values(str(number))
+        self._values(str(number), event.time)
         header = {
             "name": event.name,
             "kind": event.kind,
@@ -160,10 +160,13 @@ class Stretch:
             self._state.note(f"marker {number}", marker.way.ravel())
         self.since = time
 
-    def _values(self, of: str) -> None:
-        """Store the quantities whose posteriors are reported; the column names begin with `of`."""
+    def _values(self, of: str, time: np.datetime64 | None) -> None:
+        """Store the quantities whose posteriors are reported, at a time; None: at the start.
+
+        The column names begin with `of`.
+        """
         for quantity in QUANTITIES:
-            found = self._read.columns(quantity) if self._read else None
+            found = self._read.columns(quantity, time) if self._read else None
             if found is not None:
                 for name in found.read:
                     self._reel.note(f"{of} {quantity.name} {name}", found.whole(name))

@@ -34,7 +34,7 @@ class _StoredParticles:
     def __init__(self, reels: Sequence[ShardFile], of: str, blocks: Blocks) -> None:
         self._reels, self._of, self._blocks = reels, of, blocks
 
-    def columns(self, quantity: Quantity) -> Columns | None:
+    def columns(self, quantity: Quantity, time: np.datetime64 | None) -> Columns | None:
         """Return the columns of a quantity; None if it was not stored."""
         own = [f"{self._of} {quantity.name} {name}" for name in Values._fields]
         if own[0] not in self._reels[0].notes:

@@ -137,7 +137,7 @@ class Unit:
             )
             with contextlib.suppress(Stop):
                 reel.record(case.period, moments)
-                reel.record_end(ensemble)
+                reel.record_end(ensemble, case.period.duration)
                 stretch_record.over()
             # break the reference cycle, which only the garbage collector would free
             stretch_record.search = None

@@ -10,6 +10,7 @@ import pytest
 import trial_case
 
 import drift
+from geo.errors import UserError
 
 # A tenth of the cells: still 240 across, far finer than the kernels of a few thousand particles.
 pytestmark = pytest.mark.usefixtures("coarse_maps")
@@ -109,3 +110,13 @@ def test_other_times_change_no_bit(tmp_path: Path) -> None:
     other = drift.budget(case, particles=4000, times=["+8 h", "+3 h"])
     np.testing.assert_array_equal(one.areas[:, 0], other.areas[:, 1])
     np.testing.assert_array_equal(one.batches[:, :, 0], other.batches[:, :, 1])
+
+
+def test_a_time_at_which_nothing_is_left_on_the_map_is_rejected(tmp_path: Path) -> None:
+    """The remedy works: a time before all have sunk, also where all sink in some forecasts."""
+    sinks = {"name": "sunk", "at": "+1 h", "sinks": True}
+    case = case_of(tmp_path, scenario={"change": [sinks]}, uncertainty="none")
+    with pytest.raises(UserError, match=r"times: at .* nothing is left on the map.*earlier"):
+        drift.budget(case, particles=4000)
+    found = drift.budget(case, particles=4000, times=["+30 min"])
+    assert np.isfinite(found.share.value).all()

@@ -216,6 +216,11 @@ def without(*keys: str) -> dict[str, Any]:
             {**RIB, "right": {"slope": "1 %", "std": 6.1}},
             'right std 610 cm/s is more than 50 cm/s: a bare number is in m/s; was "6.1 cm/s" meant',
         ),
+        (
+            {**RIB, "left": {"slope": "0.9 %", "offset": "-1 cm/s", "std": "3 cm/s"}},
+            "left line leads to the other side, by 8 cm/s in a wind of 10 m/s: leeway to the right "
+            "is positive, to the left negative; if it is right, add plausible = true",
+        ),
         ({**RIB, "name": "piw-1"}, 'class "piw-1": a shipped class has this name'),
         ({**RIB, "name": "Water"}, 'class "Water": a shipped class has this name'),
         ({**RIB, "lines": 3}, 'class "PATROL-RIB": unknown key "lines"'),
