@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import re
 import socket
 import threading
 import time
@@ -9,31 +10,74 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import uvicorn
 
-from drift.apps.serve import app, gate, jobs, server
+from drift.apps.serve import app, jobs, server, users, webhook
 from drift.products.files import manifest
 
 NASTY = "</script><img src=x onerror=alert(1)>"
 
 
+class Contract:
+    """The API's description: what is asked and answered must be as it says, by jsonschema."""
+
+    def __init__(self, document: Any) -> None:
+        self.document = document
+        self._paths = [
+            (re.compile(re.sub(r"\\{\w+\\}", "[^/]+", re.escape(path))), operations)
+            for path, operations in document["paths"].items()
+        ]
+
+    def operation(self, method: str, path: str) -> Any:
+        """Return the description of what a request asks for; None if there is none."""
+        found = [one for pattern, one in self._paths if pattern.fullmatch(path)]
+        return found[0].get(method.lower()) if found else None
+
+    def check(self, method: str, path: str, status: int, sent: bytes, got: bytes) -> None:
+        """Hold a request and its answer against the description."""
+        told = self.operation(method, path)
+        if told is None or path.startswith("/runs/"):
+            return
+        if status == 200 and method == "POST":
+            self._valid(told["requestBody"], json.loads(sent))
+        self._valid(told["responses"]["200" if status == 200 else "default"], json.loads(got))
+
+    def _valid(self, part: Any, content: Any) -> None:
+        schema = part["content"]["application/json"]["schema"]
+        whole = schema | {"components": self.document["components"]}
+        jsonschema.Draft202012Validator(whole).validate(content)
+
+
 class Server:
     """A desk on a free port, and a client that can lie to it."""
 
-    def __init__(self, folder: Path, limits: jobs.Limits = jobs.Limits()) -> None:  # noqa: B008
-        self.folder, self.secret = folder, gate.Secret()
+    def __init__(
+        self,
+        folder: Path,
+        limits: jobs.Limits = jobs.Limits(),  # noqa: B008
+        *,
+        people: tuple[users.User, ...] = (),
+        hook: webhook.Webhook | None = None,
+    ) -> None:
+        self.folder, self.secret = folder, users.Secret(*[people] if people else [])
+        self._contract: Contract | None = None
         self.socket = socket.socket()
         self.socket.bind(("127.0.0.1", 0))
         self.port = self.socket.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"
         allowed = server._fence(folder, [], ["thredds.example.org"])
-        made = app.make(folder, (self.host, f"localhost:{self.port}"), self.secret, allowed, limits)
+        made = app.make(
+            folder, (self.host, f"localhost:{self.port}"), self.secret, allowed, limits, hook
+        )
+        self.routes = made._app.routes  # what the gate passes on
         self._uvicorn = uvicorn.Server(server.configured(made))
         self._thread = threading.Thread(target=self._uvicorn.run, kwargs={"sockets": [self.socket]})
 
     def __enter__(self) -> "Server":
         self._thread.start()
         until(lambda: self._uvicorn.started, 20)
+        self._contract = Contract(self.json("GET", "/api/openapi.json"))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -68,11 +112,17 @@ class Server:
             line.sendall("\r\n".join([*lines, "Connection: close", "", ""]).encode("latin-1") + (data if method == "POST" else b""))  # fmt: skip
             answer = http.client.HTTPResponse(line, method=method)
             answer.begin()
-            return (
-                answer.status,
-                {name.lower(): value for name, value in answer.getheaders()},
-                answer.read(),
-            )
+            given = {name.lower(): value for name, value in answer.getheaders()}
+            got = answer.read()
+        if self._contract is not None and method in ("GET", "POST"):
+            self._contract.check(method, path, answer.status, data, got)
+        return answer.status, given, got
+
+    @property
+    def contract(self) -> Contract:
+        """The description of the API."""
+        assert self._contract is not None
+        return self._contract
 
     def json(self, method: str, path: str, body: Any = None) -> Any:
         """Return what our own page would get."""

@@ -62,6 +62,23 @@ def add(commands: Any, backends: Sequence[str]) -> None:
         default="cpu",
         help="where particles of jobs are computed, as in drift run (default: cpu)",
     )
+    serve.add_argument(
+        "--user",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a user, who gets an address of their own; may be repeated (default: one user)",
+    )
+    serve.add_argument(
+        "--guest",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a guest, who may read but not change; may be repeated",
+    )
+    serve.add_argument(
+        "--webhook", metavar="URL", help="an address that gets a message when a run ends"
+    )
     serve.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
@@ -78,6 +95,9 @@ def run(args: argparse.Namespace) -> Answer:
         hours=args.hours,
         memory=args.memory,
         backend=args.backend,
+        user=args.user,
+        guest=args.guest,
+        webhook=args.webhook,
         browser=not args.no_browser,
         say=terminal.print_line,
     )

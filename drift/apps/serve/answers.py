@@ -19,7 +19,14 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drift.apps.serve import form, mistakes, plan_answers, result_answers, search_answers
+from drift.apps.serve import (
+    form,
+    mistakes,
+    note_answers,
+    plan_answers,
+    result_answers,
+    search_answers,
+)
 from drift.case import file as case_file
 from geo import notation, sphere
 from geo.box import Box
@@ -222,6 +229,7 @@ ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
     "sketch": _sketch,
     "coast": _coast,
     "forcing": _forcing,
+    "note": lambda request, tell: note_answers.note(request),
     "warm": _warm,
     "search": lambda request, tell: search_answers.search(request),
     "plan": lambda request, tell: plan_answers.plan(request),

@@ -3,6 +3,7 @@
 `drift.apps.serve.gate` checks every request first; `drift.apps.serve.server` runs the application.
 """
 
+import asyncio
 import mimetypes
 import os
 import re
@@ -15,21 +16,26 @@ from typing import Any, BinaryIO
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
-from starlette.routing import Route
+from starlette.routing import BaseRoute, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from drift.apps.serve import names, shelf
+from drift.apps.serve import api, names, shelf
+from drift.apps.serve.api import COUNT, FLAG, NUMBER, TEXT, Operation, many, or_null, record
+from drift.apps.serve.desk_log import DeskLog
 from drift.apps.serve.form_routes import FormRoutes
-from drift.apps.serve.gate import Gate, Secret
-from drift.apps.serve.jobs import KINDS, Jobs, Limits
+from drift.apps.serve.gate import Gate
+from drift.apps.serve.jobs import KINDS, Job, Jobs, Limits
 from drift.apps.serve.search_routes import SearchRoutes
+from drift.apps.serve.users import Secret, User
+from drift.apps.serve.webhook import Webhook
 from drift.case import file as case_file
 from drift.case import template
 from geo.files import fence
 
-PAGE = ("desk", "editor", "form", "kit", "map", "sources")
+PAGE = ("desk", "editor", "form", "kit", "map", "people", "sources")
 SEARCH = ("drawn", "plan", "results", "rows", "search", "searches")
 ASSETS = {
     "desk.css": ("drift.apps.serve", "text/css"),
@@ -54,11 +60,77 @@ PLAIN_TEXT = ('innerHTML="M"', "innerElement_.innerHTML=")
 CHUNK = 2**18  # [bytes]
 
 
-class Desk:
-    """Request handlers for the served folder, the shipped cases, and the jobs."""
+# what requests take and answers have, as JSON Schema
+LISTED = record(name=TEXT, title=TEXT)
+CASE_ROW = record(name=TEXT, title=TEXT, changed=NUMBER)
+RUN = record(
+    **dict.fromkeys(("name", "title", "kind", "start", "end", "made", "key"), TEXT),
+    took=or_null(NUMBER),
+    warnings=many(TEXT),
+    report=FLAG,
+    files=many(record(name=TEXT, bytes=COUNT)),
+)
+FOLDER = record(folder=TEXT, cases=many(CASE_ROW), runs=many(RUN), shipped=many(LISTED))
+CASE_TEXT = record(name=api.CASE, text=TEXT, digest=api.DIGEST)
+JOB = record(
+    number=COUNT,
+    kind={"enum": list(KINDS)},
+    case=api.CASE,
+    digest=api.DIGEST,
+    user=TEXT,
+    state={"enum": ["waiting", "running", "done", "failed", "cancelled"]},
+    out=or_null(TEXT),
+    key=or_null(TEXT),
+    phase=TEXT,
+    share=NUMBER,
+    took=or_null(NUMBER),
+    lines=many(TEXT),
+)
+NEW_JOB = record(kind={"enum": list(KINDS)}, case=api.CASE, digest=api.DIGEST)
+LOGGED = record(
+    **dict.fromkeys(("time", "user", "action"), TEXT),
+    **dict.fromkeys(("case", "digest", "result"), or_null(TEXT)),
+)
+LOG = record(entries=many(LOGGED), trouble=TEXT)
+NEWS_ENTRY = record(number=COUNT, **LOGGED["properties"])
+NEWS = record(you=TEXT, guest=FLAG, several=FLAG, last=COUNT, entries=many(NEWS_ENTRY))
 
-    def __init__(self, folder: Path, secret: Secret, jobs: Jobs) -> None:
-        self.folder, self.secret, self.jobs = folder, secret, jobs
+
+class Desk:
+    """Request handlers for the served folder, the shipped cases, the jobs and the log."""
+
+    def __init__(
+        self,
+        folder: Path,
+        secret: Secret,
+        allowed: fence.Fence,
+        limits: Limits,
+        webhook: Webhook | None,
+    ) -> None:
+        self.folder, self.secret, self.webhook = folder, secret, webhook
+        self.log = DeskLog(folder)
+        self.jobs = Jobs(folder, allowed, limits, self.ended)
+        self._posting: set[asyncio.Task[None]] = set()
+
+    def routes(self) -> list[Operation]:
+        """Return the routes of the API."""
+        case, job = "/api/cases/{name}", "/api/jobs/{number:int}/cancel"
+        saved = record(name=api.CASE, digest=api.DIGEST)
+        to_save = record(text=TEXT, digest=or_null(api.DIGEST))
+        jobs = record(jobs=many(JOB))
+        copied = record(name=api.CASE)
+        return [
+            Operation("GET", "/api/folder", self.list_folder, FOLDER),
+            Operation("GET", case, self.case, CASE_TEXT),
+            Operation("POST", case, self.save, saved, takes=to_save),
+            Operation("POST", "/api/shipped/{name}", self.copy_shipped, copied, takes=api.OBJECT),
+            Operation("GET", "/api/jobs", self.jobs_all, jobs),
+            Operation("POST", "/api/jobs", self.job_new, JOB, takes=NEW_JOB),
+            Operation("POST", job, self.job_cancel, JOB, takes=api.OBJECT),
+            Operation("GET", "/api/log", self.log_end, LOG),
+            Operation("GET", "/api/news/{number:int}", self.news, NEWS),
+            Operation("GET", "/runs/{run}/{key}/{name}", self.file, None),
+        ]
 
     async def page(self, request: Request) -> Response:
         """Return the page."""
@@ -121,9 +193,11 @@ class Desk:
                 shelf.lay_beside(
                     self.folder, beside, resources.files("cases").joinpath(beside).read_bytes()
                 )
-            return JSONResponse({"name": shelf.save_new(self.folder, name, text)})
+            copied = shelf.save_new(self.folder, name, text)
         except OSError as error:
             return _error_response(500, f"{name} cannot be copied: {error.strerror}")
+        self.log.add(_who(request).name, "copied", case=copied)
+        return JSONResponse({"name": copied})
 
     async def save(self, request: Request) -> Response:
         """Save a case; reject it if the file was changed in the meantime."""
@@ -147,9 +221,7 @@ class Desk:
         if len(text.encode()) > shelf.LARGEST:
             return _error_response(413, f"a case has at most {shelf.LARGEST:,} bytes")
         try:
-            return JSONResponse(
-                {"name": name, "digest": shelf.save(self.folder, name, text, digest_read)}
-            )
+            digest = shelf.save(self.folder, name, text, digest_read)
         except shelf.Conflict:
             what = (
                 "exists already"
@@ -159,6 +231,8 @@ class Desk:
             return _error_response(409, f"{name} {what}; nothing was saved")
         except OSError as error:
             return _error_response(500, f"{name} cannot be saved: {error.strerror}")
+        self.log.add(_who(request).name, "saved", case=name, digest=digest)
+        return JSONResponse({"name": name, "digest": digest})
 
     async def jobs_all(self, request: Request) -> Response:
         """Return all jobs."""
@@ -175,20 +249,75 @@ class Desk:
             return _error_response(400, "the digest is that of the case as it was read")
         if body["kind"] not in KINDS or not names.case(body["case"]):
             return _error_response(400, f"kinds are {', '.join(KINDS)}, on a case of this folder")
-        job = self.jobs.add(body["kind"], body["case"], body["digest"])
-        return (
-            _error_response(429, "too many jobs are waiting")
-            if job is None
-            else JSONResponse(self._job(job.summary()))
-        )
+        user = _who(request).name
+        job = self.jobs.add(body["kind"], body["case"], body["digest"], user)
+        if job is None:
+            return _error_response(429, "too many jobs are waiting")
+        if job.kind != "check":
+            self.log.add(user, f"started {job.kind}", case=job.case, digest=job.digest)
+        return JSONResponse(self._job(job.summary()))
 
     async def job_cancel(self, request: Request) -> Response:
         """Cancel a job."""
         job = self.jobs.get(request.path_params["number"])
         if job is None:
             return _error_response(404, "no such job")
+        if not job.over and job.kind != "check":
+            self.log.add(_who(request).name, f"cancelled {job.kind}", case=job.case)
         await self.jobs.cancel(job)
         return JSONResponse(self._job(job.summary()))
+
+    def ended(self, job: Job) -> None:
+        """Log that a job has ended, and send the message of the webhook."""
+        if job.kind == "check":
+            return
+        if job.state != "cancelled":
+            action = f"{'finished' if job.state == 'done' else 'failed'} {job.kind}"
+            result = job.out if job.state == "done" else None
+            self.log.add(job.user, action, case=job.case, digest=job.digest, result=result)
+        if self.webhook is not None:
+            task = asyncio.create_task(self._post(self.webhook, job))
+            self._posting.add(task)
+            task.add_done_callback(self._posting.discard)
+
+    async def _post(self, webhook: Webhook, job: Job) -> None:
+        """Send the message of a webhook; a failure is logged."""
+        content = {
+            "kind": job.kind,
+            "case": job.case,
+            "digest": job.digest,
+            "user": job.user,
+            "state": job.state,
+            "result": job.out if job.state == "done" else None,
+            "took": job.took,
+        }
+        if wrong := await webhook.post(content):
+            self.log.add("drift", "webhook failed", case=job.case, result=wrong)
+
+    async def log_end(self, request: Request) -> Response:
+        """Return the last entries of the log, the newest first."""
+        if _who(request).guest:
+            return _error_response(403, "the log is for users; you are a guest")
+        try:
+            return JSONResponse({"entries": self.log.end(), "trouble": self.log.trouble})
+        except OSError as error:
+            return _error_response(500, f"the log cannot be read: {error.strerror}")
+
+    async def news(self, request: Request) -> Response:
+        """Return what was done since an entry of the log, and who asks."""
+        user = _who(request)
+        entries = self.log.since(request.path_params["number"])
+        if user.guest:  # guests see what changes, not who changes it
+            entries = [entry | {"user": ""} for entry in entries]
+        return JSONResponse(
+            {
+                "you": user.name,
+                "guest": user.guest,
+                "several": len(self.secret.users) > 1,
+                "last": self.log.last,
+                "entries": entries,
+            }
+        )
 
     async def file(self, request: Request) -> Response:
         """Return a file of a run; the gate has checked its key."""
@@ -236,8 +365,20 @@ def _file_chunks(file: BinaryIO, size: int) -> Iterator[bytes]:
         yield piece
 
 
+def _who(request: Request) -> User:
+    """Return the user of a request, whom the gate has found."""
+    user: User = request.scope["who"]
+    return user
+
+
 def _raise_not_found() -> tuple[str, str]:
     raise FileNotFoundError
+
+
+async def _no_route(request: Request, error: Exception) -> Response:
+    """Return the answer to a request that no route takes."""
+    status = error.status_code if isinstance(error, HTTPException) else 500
+    return _error_response(status, "there is no such address, or not for this method")
 
 
 def _error_response(status: int, line: str) -> Response:
@@ -263,43 +404,48 @@ def _asset(home: str, name: str) -> str:
 
 
 def make(
-    folder: Path, places: tuple[str, ...], secret: Secret, allowed: fence.Fence, limits: Limits
+    folder: Path,
+    places: tuple[str, ...],
+    secret: Secret,
+    allowed: fence.Fence,
+    limits: Limits,
+    webhook: Webhook | None = None,
 ) -> ASGIApp:
     """Return the application behind its gate.
 
     Args:
         folder: the served folder.
         places: "host:port" that requests must name.
-        secret: token, cookie and keys of this start.
+        secret: users of this start, their tokens and cookies, and the keys of runs.
         allowed: files and hosts that jobs may read.
         limits: limits of jobs.
+        webhook: where a message goes when a run ends.
     """
-    jobs = Jobs(folder, allowed, limits)
-    desk = Desk(folder, secret, jobs)
+    desk = Desk(folder, secret, allowed, limits, webhook)
     form = FormRoutes(folder, allowed, limits)
     search = SearchRoutes(folder, form)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        await jobs.open()
+        await desk.jobs.open()
         try:
             yield
         finally:
             await form.close()
-            await jobs.close()
+            await desk.jobs.close()
 
-    routes = [
+    async def openapi(request: Request) -> Response:
+        """Return the description of the API."""
+        return JSONResponse(api.document(routes))
+
+    routes: list[BaseRoute] = [
         Route("/", desk.page),
         Route("/assets/{name}", desk.asset),
-        Route("/api/folder", desk.list_folder),
-        Route("/api/cases/{name}", desk.case),
-        Route("/api/cases/{name}", desk.save, methods=["POST"]),
-        Route("/api/shipped/{name}", desk.copy_shipped, methods=["POST"]),
-        Route("/api/jobs", desk.jobs_all),
-        Route("/api/jobs", desk.job_new, methods=["POST"]),
-        Route("/api/jobs/{number:int}/cancel", desk.job_cancel, methods=["POST"]),
+        *desk.routes(),
         *form.routes(),
         *search.routes(),
-        Route("/runs/{run}/{key}/{name}", desk.file),
+        Operation("GET", "/api/openapi.json", openapi, api.OBJECT),
     ]
-    return Gate(Starlette(routes=routes, lifespan=lifespan), places, secret)
+    reads = api.open_to_guests(routes)
+    app = Starlette(routes=routes, lifespan=lifespan, exception_handlers={HTTPException: _no_route})
+    return Gate(app, places, secret, reads, lambda user: desk.log.add(user.name, "entered"))

@@ -4,6 +4,8 @@ None of them reads or writes a case file: the page sends the text.
 """
 
 import asyncio
+import functools
+import inspect
 import math
 import time
 from collections.abc import Awaitable
@@ -14,9 +16,9 @@ from typing import Any
 import numpy as np
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
-from starlette.routing import Route
 
-from drift.apps.serve import form, names, shelf
+from drift.apps.serve import api, form, names, shelf
+from drift.apps.serve.api import FLAG, NUMBER, TEXT, Operation, Schema, many, or_null, record
 from drift.apps.serve.jobs import Limits
 from drift.apps.serve.warm import Overtaken, Warm
 from drift.engine.motion.objects import everyday, leeway
@@ -26,6 +28,44 @@ from geo.files import fence
 FORCING = (".nc", ".nc4", ".grib", ".grib2", ".grb", ".grb2")  # files that the page offers
 COARSEST, FINEST = 5.0, 1e-4  # [deg] detail of a shoreline
 MOST_STEPS = 20_000  # detail across a box
+
+
+# what requests take and answers have, as JSON Schema
+CHANGES = many(record(field=TEXT, value=api.ANYTHING)) | {
+    "minItems": 1,
+    "maxItems": form.MOST_CHANGES,
+}
+FIELD = record(("value", "read", "in_text"), value=api.ANYTHING, read=api.ANYTHING, in_text=FLAG)
+FORM = record(
+    fields={"type": "object", "additionalProperties": FIELD},
+    unknown=many(TEXT),
+    scenarios=api.COUNT,
+)
+MESSAGES = record(messages=many(record(message=TEXT, field=or_null(TEXT), line=or_null(api.COUNT))))
+BOX = many(NUMBER) | {"minItems": 4, "maxItems": 4}
+POINT = many(NUMBER) | {"minItems": 2, "maxItems": 2}
+GEOJSON: Schema = {
+    "type": "object",
+    "properties": {
+        "type": {"const": "FeatureCollection"},
+        "features": many({"type": "object", "required": ["type", "geometry", "properties"]}),
+    },
+    "required": ["type", "features"],
+}
+SKETCH = record(
+    title=TEXT,
+    words=TEXT,
+    warnings=many(TEXT),
+    times=many(TEXT),
+    opens=or_null(TEXT),
+    areas=GEOJSON,
+    likely=many(or_null(POINT)),
+    statuses=many(TEXT),
+    particles=record(lon=many(many(NUMBER)), lat=many(many(NUMBER)), status=many(many(api.COUNT))),
+)
+SOURCE = record(quantity=TEXT, box=BOX, times=many(TEXT))
+FORCING_ANSWER = record(("files", "sources"), files=many(TEXT), sources=many(SOURCE))
+OBJECT_ADRIFT = record(name=TEXT, description=TEXT, level=api.COUNT, words=many(TEXT))
 
 
 class Invalid(Exception):
@@ -45,23 +85,28 @@ class FormRoutes:
         self.sketching = Warm(folder, allowed, limits)
         self._warming: asyncio.Task[Any] | None = None
 
-    def routes(self) -> list[Route]:
+    def routes(self) -> list[Operation]:
         """Return the routes."""
-        handlers = {
-            "form": self.form,
-            "form/set": self.set,
-            "form/new": self.new,
-            "check": self.check,
-            "sketch": self.sketch,
-            "sketch/cancel": self.cancel,
-            "coast": self.coast,
-            "forcing": self.forcing,
-        }
-        posts = [
-            Route(f"/api/{name}", answered(handler), methods=["POST"])
-            for name, handler in handlers.items()
+
+        def post(path: str, handler: Any, takes: Schema, answers: Schema, reads: bool) -> Operation:
+            made = answered(handler)
+            return Operation(
+                "POST", f"/api/{path}", made, answers, takes=takes, reads=reads, mistakes=True
+            )
+
+        typed = {"text": TEXT, "name": api.CASE}
+        return [
+            post("form", self.form, record(text=TEXT), FORM, True),
+            post("form/set", self.set, record(text=TEXT, changes=CHANGES), record(text=TEXT), True),
+            post("form/new", self.new, api.NOTHING, record(text=TEXT), True),
+            post("check", self.check, record(**typed), MESSAGES, True),
+            post("sketch", self.sketch, record(**typed), SKETCH, False),
+            post("sketch/cancel", self.cancel, api.NOTHING, api.NOTHING, False),
+            post("coast", self.coast, record(box=BOX, step=NUMBER), GEOJSON, True),
+            post("forcing", self.forcing, record(file=or_null(TEXT)), FORCING_ANSWER, True),
+            post("note", self.note, record(run=TEXT), record(text=TEXT), True),
+            Operation("GET", "/api/objects", self.objects, record(objects=many(OBJECT_ADRIFT))),
         ]
-        return [*posts, Route("/api/objects", self.objects)]
 
     async def close(self) -> None:
         """End the warm processes."""
@@ -102,16 +147,24 @@ class FormRoutes:
             "check", text=text_of(body, {"text", "name"}), path=self.path_of(body)
         )
 
-    async def sketch(self, body: dict[str, Any]) -> Any:
-        """Return a forecast of few particles; it takes the place of one that is being made."""
+    async def sketch(self, body: dict[str, Any], user: str) -> Any:
+        """Return a forecast of few particles; it takes the place of the user's one before it."""
         text, path = text_of(body, {"text", "name"}), self.path_of(body)
-        return await self.sketching.ask_newest("sketch", text=text, path=path)
+        return await self.sketching.ask_newest("sketch", user, text=text, path=path)
 
-    async def cancel(self, body: dict[str, Any]) -> Any:
-        """Give up the sketch that is being made."""
+    async def cancel(self, body: dict[str, Any], user: str) -> Any:
+        """Give up the user's sketch that is being made."""
         check_keys(body, set())
-        await self.sketching.cancel()
+        await self.sketching.cancel(user)
         return {}
+
+    async def note(self, body: dict[str, Any]) -> Any:
+        """Return a short text about a result, for a message."""
+        check_keys(body, {"run"})
+        run = body["run"]
+        if not isinstance(run, str) or not names.plain(run):
+            raise Invalid("give the name of a result of this folder")
+        return await self.typing.ask("note", path=str(self.folder / run))
 
     async def coast(self, body: dict[str, Any]) -> Any:
         """Return the land in a box."""
@@ -179,10 +232,13 @@ async def _silent(work: Awaitable[Any]) -> None:
 
 def answered(handler: Any) -> Any:
     """Return a handler that turns what goes wrong into a status and a line."""
+    with_user = "user" in inspect.signature(handler).parameters
 
+    @functools.wraps(handler)
     async def answer(request: Request) -> Response:
+        more = (request.scope["who"].name,) if with_user else ()
         try:
-            return JSONResponse(await handler(request.scope["body"]))
+            return JSONResponse(await handler(request.scope["body"], *more))
         except Invalid as invalid:
             return JSONResponse({"error": str(invalid)}, invalid.status)
         except asyncio.CancelledError:  # the server ends without waiting for it

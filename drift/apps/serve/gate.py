@@ -2,22 +2,23 @@
 
 The server listens on the loopback only, but any page of any site can send it requests. So a request
 must name our address (against DNS rebinding), come from our own page if it changes anything, and
-carry the secret of this start, a cookie that opening the printed address sets. Files of runs are
-requested without the cookie, by a key in their address: their pages are isolated (CSP sandbox), as
+carry a secret of this start: a cookie that opening the printed address sets, or, from other
+programs, the token itself (Authorization: Bearer). Guests may read, not change. Files of runs are
+requested without either, by a key in their address: their pages are isolated (CSP sandbox), as
 scripts in a folder from somebody else must not act for the user.
 """
 
 import asyncio
-import hashlib
 import hmac
 import json
-import secrets
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from typing import Any
 from urllib.parse import parse_qs
 
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from drift.apps.serve.users import Secret, User
 
 LARGEST = 2 * 2**20  # [bytes] most of a body: a case of a megabyte with its escapes
 PATIENCE = 10.0  # [s] within which a body must arrive
@@ -43,18 +44,6 @@ HEADERS = {
 }
 
 
-@dataclass(frozen=True)
-class Secret:
-    """The secrets of this start of the server: token, cookie, and the keys derived from it."""
-
-    token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
-    cookie: str = field(default_factory=lambda: secrets.token_urlsafe(32))
-
-    def key(self, run: str) -> str:
-        """Return the key for a run's files, which is valid for that run only."""
-        return hmac.new(self.cookie.encode(), run.encode(), hashlib.sha256).hexdigest()
-
-
 class Refused(Exception):
     """A rejected request: HTTP status and message."""
 
@@ -66,16 +55,25 @@ class Refused(Exception):
 class Gate:
     """ASGI application that passes requests on after the checks.
 
-    places: "host:port" that requests must name, our own first. secret: that of this start.
+    places: "host:port" that requests must name, our own first. secret: that of this start. reads:
+    paths of POST requests that change nothing. entered: called when a user opens the printed address.
     """
 
-    def __init__(self, app: ASGIApp, places: tuple[str, ...], secret: Secret) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        places: tuple[str, ...],
+        secret: Secret,
+        reads: frozenset[str] = frozenset(),
+        entered: Callable[[User], None] = lambda user: None,
+    ) -> None:
         self._app, self._places, self._secret = app, places, secret
+        self._reads, self._entered = reads, entered
         # browsers send cookies to every port of a host
         self._cookie = f"drift-{places[0].rpartition(':')[2]}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request, or pass it on with its body in scope["body"]."""
+        """Answer a request, or pass it on with scope["body"], and its user as scope["who"]."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -135,26 +133,28 @@ class Gate:
             return None
         if site and site not in (["same-origin"], ["none"]):
             raise Refused(403, "requested from another site")
-        if not self._known(scope):
+        user = self._user(scope)
+        if user is None:
             raise Refused(
                 401, "open the address that drift serve printed: it contains the key of this start"
             )
+        if user.guest and method == "POST" and path not in self._reads:
+            raise Refused(403, f"{user.name} is a guest here: guests may read, but not change")
+        scope["who"] = user
         return None
 
     def _let_in(self, scope: Scope) -> Response:
         """Exchange the token of the printed address for a cookie."""
         tokens = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
-        if len(tokens) != 1 or not hmac.compare_digest(
-            tokens[0].encode(), self._secret.token.encode()
-        ):
+        user = self._secret.by_token(tokens[0]) if len(tokens) == 1 else None
+        if user is None:
             raise Refused(
                 401,
                 "open the address that drift serve printed last: this key is from another start",
             )
+        self._entered(user)
         answer = RedirectResponse("/", 303)
-        answer.set_cookie(
-            self._cookie, self._secret.cookie, httponly=True, samesite="strict", path="/"
-        )
+        answer.set_cookie(self._cookie, user.cookie, httponly=True, samesite="strict", path="/")
         return answer
 
     def _refuse_foreign(self, scope: Scope, site: list[str]) -> None:
@@ -167,7 +167,9 @@ class Gate:
             or origin[0] != f"http://{_header_values(scope, b'host')[0]}"
         ):
             raise Refused(403, "sent from another site")
-        if site not in ([], ["same-origin"]) or not (origin or site):
+        # a browser always says where a change comes from; a token of another program stands for it
+        said = origin or site or _header_values(scope, b"authorization")
+        if site not in ([], ["same-origin"]) or not said:
             raise Refused(403, "sent from another site")
 
     def _refuse_without_key(self, scope: Scope, site: list[str]) -> None:
@@ -184,16 +186,21 @@ class Gate:
         ) != ["navigate"]:
             raise Refused(403, "requested from another site")
 
-    def _known(self, scope: Scope) -> bool:
+    def _user(self, scope: Scope) -> User | None:
+        """Return the user of a request's token, or without one of its cookie."""
+        if given := _header_values(scope, b"authorization"):
+            kind, _, token = given[0].partition(" ")
+            one = len(given) == 1 and kind.lower() == "bearer"
+            return self._secret.by_token(token.strip()) if one else None
         cookies = [
             part.strip().partition("=")
             for line in _header_values(scope, b"cookie")
             for part in line.split(";")
         ]
-        ours = [value for name, _, value in cookies if name == self._cookie]
-        return any(
-            hmac.compare_digest(value.encode(), self._secret.cookie.encode()) for value in ours
-        )
+        found = [
+            self._secret.by_cookie(value) for name, _, value in cookies if name == self._cookie
+        ]
+        return next((user for user in found if user is not None), None)
 
     async def _body(self, scope: Scope, receive: Receive) -> dict[str, Any]:
         """Return the JSON object of a body; raise Refused if it is invalid, too large or slow."""

@@ -60,6 +60,7 @@ class Job:
     kind: str
     case: str
     digest: str  # of the case when the job was requested
+    user: str = ""  # who requested it
     state: str = "waiting"
     out: str | None = None  # name of the folder of its results
     phase: str = ""
@@ -86,6 +87,7 @@ class Job:
             "kind": self.kind,
             "case": self.case,
             "digest": self.digest,
+            "user": self.user,
             "state": self.state,
             "out": self.out,
             "phase": self.phase,
@@ -98,8 +100,15 @@ class Job:
 class Jobs:
     """All jobs of a server, in two queues: checks, and everything else."""
 
-    def __init__(self, folder: Path, allowed: fence.Fence, limits: Limits) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        allowed: fence.Fence,
+        limits: Limits,
+        ended: Callable[[Job], None] = lambda job: None,
+    ) -> None:
         self._folder, self._fence, self._limits = folder, allowed, limits
+        self._ended = ended  # called when a job that was started has ended
         self._jobs: dict[int, Job] = {}
         self._lanes: dict[bool, Lane] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -127,11 +136,11 @@ class Jobs:
         """Return a job by number; None if there is none."""
         return self._jobs.get(number)
 
-    def add(self, kind: str, case: str, digest: str) -> Job | None:
+    def add(self, kind: str, case: str, digest: str, user: str = "") -> Job | None:
         """Add a job to its queue; return None if too many wait."""
         if sum(job.state == "waiting" for job in self._jobs.values()) >= MOST_WAITING:
             return None
-        job = Job(max(self._jobs, default=0) + 1, kind, case, digest)
+        job = Job(max(self._jobs, default=0) + 1, kind, case, digest, user)
         self._jobs[job.number] = job
         for old in [number for number, one in self._jobs.items() if one.over][
             : max(len(self._jobs) - MOST_KEPT, 0)
@@ -164,6 +173,7 @@ class Jobs:
             if job.state == "running":
                 job.state = "done" if status == 0 else "failed"
             job.took, job.process = time.monotonic() - job.started, None
+            self._ended(job)
 
     async def _carry_out(self, job: Job) -> int:
         """Run the command in a process and return its exit status."""

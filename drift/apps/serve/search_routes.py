@@ -8,10 +8,11 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
-from starlette.routing import Route
-
-from drift.apps.serve import names, shelf
+from drift.apps.serve import api, names, shelf
+from drift.apps.serve.api import NUMBER, TEXT, Operation, Schema, many, or_null, record
 from drift.apps.serve.form_routes import (
+    GEOJSON,
+    POINT,
     FormRoutes,
     Invalid,
     answered,
@@ -27,6 +28,61 @@ MOST_MOVES = 100
 LONGEST_LABEL = 20  # characters of the name of a sub-area
 LONGEST_SCENARIO = 300
 
+# what requests take and answers have, as JSON Schema
+MOVE = record(at=POINT, turned=NUMBER)
+POINTS = many(POINT)
+ROW = record(values=api.OBJECT, in_text=many(TEXT))
+SEARCHED = {
+    "outline": or_null(POINTS),
+    "legs": many(record(searching=api.FLAG, points=POINTS)),
+    "start": TEXT,
+    "end": TEXT,
+    "period": TEXT,
+    "track_nmi": NUMBER,
+    "legs_number": api.COUNT,
+    "pod": or_null(NUMBER),
+}
+SEEN = record(shape={"enum": ["point", "region", "line"]}, points=POINTS)
+SEARCHES = record(
+    rows=record(sortie=many(ROW), contact=many(ROW), unit=many(ROW)),
+    plan=ROW,
+    shapes=record(
+        sortie={"type": "object", "additionalProperties": record(**SEARCHED)},
+        contact={"type": "object", "additionalProperties": many(SEEN)},
+    ),
+    search_objects=many(TEXT),
+)
+AREA: dict[str, Schema] = SEARCHED | {
+    "name": TEXT,
+    "unit": TEXT,
+    "centre": POINT,
+    "orientation": NUMBER,
+    "length_nmi": NUMBER,
+    "width_nmi": NUMBER,
+    "place": TEXT,
+    "notes": many(TEXT),
+    "pos": NUMBER,
+}
+PLAN = record(
+    run=TEXT,
+    areas=many(record(**AREA)),
+    total=NUMBER,
+    objective=TEXT,
+    bound=or_null(NUMBER),
+    warnings=many(TEXT),
+)
+MOVED_PLAN = record(
+    run=TEXT,
+    areas=many(record(**AREA, as_planned=NUMBER)),
+    total=NUMBER,
+    as_planned=NUMBER,
+    by_scenario={"type": "object", "additionalProperties": or_null(NUMBER)},
+    took_ms=NUMBER,
+)
+SCENARIO = record(name=TEXT, probability=many(NUMBER))
+RESULT = record(times=many(TEXT), scenarios=many(SCENARIO), areas=GEOJSON)
+VALUE = record(per_nmi2=NUMBER, within=or_null(NUMBER))
+
 
 class SearchRoutes:
     """Request handlers of the step "Search", of plans on the map and of results on the map."""
@@ -34,21 +90,31 @@ class SearchRoutes:
     def __init__(self, folder: Path, form: FormRoutes) -> None:
         self.folder, self.form = folder, form
 
-    def routes(self) -> list[Route]:
-        """Return the routes."""
-        handlers = {
-            "search": self.search,
-            "search/tracks": self.tracks,
-            "search/gpx": self.save_track,
-            "plan": self.plan,
-            "plan/pos": self.pos,
-            "plan/keep": self.keep,
-            "result": self.result,
-            "result/value": self.value,
-        }
+    def routes(self) -> list[Operation]:
+        """Return the routes; guests may not save a track, nor have moves computed."""
+
+        def post(path: str, handler: Any, takes: Schema, answers: Schema, reads: bool) -> Operation:
+            made = answered(handler)
+            return Operation(
+                "POST", f"/api/{path}", made, answers, takes=takes, reads=reads, mistakes=True
+            )
+
+        run: Schema = {"run": TEXT}
+        moves = {"moves": {"type": "object", "additionalProperties": MOVE}}
+        kept = record(**run, **moves, area=TEXT, text=TEXT)
+        scenario = {"scenario": or_null(TEXT)}
+        value = record(**run, **scenario, time=api.COUNT, at=POINT)
+        text = record(text=TEXT, name=api.CASE)
+        track = record(name=TEXT, text=TEXT)
         return [
-            Route(f"/api/{name}", answered(handler), methods=["POST"])
-            for name, handler in handlers.items()
+            post("search", self.search, text, SEARCHES, True),
+            post("search/tracks", self.tracks, api.NOTHING, record(files=many(TEXT)), True),
+            post("search/gpx", self.save_track, track, record(name=TEXT), False),
+            post("plan", self.plan, record(**run), PLAN, True),
+            post("plan/pos", self.pos, record(**run, **moves), MOVED_PLAN, False),
+            post("plan/keep", self.keep, kept, record(text=TEXT, name=TEXT), True),
+            post("result", self.result, record(**run, **scenario), RESULT, True),
+            post("result/value", self.value, value, VALUE, True),
         ]
 
     async def search(self, body: dict[str, Any]) -> Any:

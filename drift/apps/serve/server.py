@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from drift.apps.serve.jobs import GIB, Limits
+from drift.apps.serve.users import Secret, users_of
+from drift.apps.serve.webhook import parse as parse_webhook
 from geo.errors import UserError
 from geo.files import fence
 from kernels.runtime import devices, drivers
@@ -36,6 +38,9 @@ def serve(
     hours: float = HOURS,
     memory: float | None = None,
     backend: str = "cpu",
+    user: Sequence[str] = (),
+    guest: Sequence[str] = (),
+    webhook: str | None = None,
     browser: bool = True,
     say: Callable[[str], object] = print,
 ) -> None:
@@ -51,18 +56,20 @@ def serve(
         hours: longest time that a job may run [h].
         memory: most memory that a job may use [GiB]; None: that of the machine.
         backend: where particles of jobs are computed, as for `drift.run`.
+        user: names of users; each gets an address of their own. (): one user.
+        guest: names of guests, who may read but not change.
+        webhook: address that gets a message when a run ends.
         browser: whether the browser is opened.
         say: prints a line.
 
     Raises:
-        UserError: the folder, the port or the backend cannot be used, or the extra `serve` is not
-            installed.
+        UserError: the folder, the port, the backend, a name or the webhook cannot be used, or the
+            extra `serve` is not installed.
     """
     try:
         import uvicorn
 
         from drift.apps.serve import app as desk_app
-        from drift.apps.serve.gate import Secret
     except ImportError as error:
         raise UserError(
             f"drift serve needs {error.name}; pip install -e '.[serve]' in the folder of drift's "
@@ -73,6 +80,8 @@ def serve(
     if backend in devices.CARDS:
         devices.usable(drivers.ask(backend))
     limits = replace(_limits(hours, memory), backend=backend)
+    secret = Secret(users_of(user, guest))
+    hook = None if webhook is None else parse_webhook(webhook)
     listener = _listen(host, port)
     with listener:
         bound_port = listener.getsockname()[1]
@@ -85,18 +94,24 @@ def serve(
         places = [
             f"{name}:{bound_port}" for name in dict.fromkeys([host_in_url.lower(), *host_names])
         ]
-        secret = Secret()
-        app = desk_app.make(root, tuple(places), secret, allowed, limits)
-        address = f"http://{host_in_url}:{bound_port}/?token={secret.token}"
+        app = desk_app.make(root, tuple(places), secret, allowed, limits, hook)
+        addresses = [
+            f"http://{host_in_url}:{bound_port}/?token={one.token}" for one in secret.users
+        ]
         if host not in LOOPBACK:
             say(
-                f"drift: warning: other machines can reach {host}: anyone with the address below "
-                "can work here as you, "
+                f"drift: warning: other machines can reach {host}: anyone with an address below "
+                "can work here as its user, "
                 "and the connection is not encrypted"
             )
-        say(f"Serving {root}\nOpen {address}\nCtrl-C ends it, and every run with it")
+        opening = [
+            f"{one.name}{' (guest)' if one.guest else ''}: {address}"
+            for one, address in zip(secret.users, addresses, strict=True)
+        ]
+        listed = "\n".join(opening) if len(opening) > 1 or user else f"Open {addresses[0]}"
+        say(f"Serving {root}\n{listed}\nCtrl-C ends it, and every run with it")
         if browser:
-            webbrowser.open(address)
+            webbrowser.open(addresses[0])
         uvicorn.Server(configured(app)).run(sockets=[listener])
 
 

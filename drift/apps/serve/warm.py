@@ -34,6 +34,7 @@ PATIENCE = {  # [s]
     "result/value": 20.0,
     "coast": 30.0,
     "forcing": 60.0,
+    "note": 60.0,
 }
 FIRST = 60.0  # [s] more, for a process that starts
 SKETCH = 180.0  # [s]
@@ -55,7 +56,8 @@ class Warm:
         self._turn = asyncio.Lock()
         self._waiting = self._number = 0
         self._current: str | None = None  # request that the process works on
-        self._newest = 0
+        self._owner = ""  # of the current request
+        self._newest: dict[str, int] = {}  # number of the last sketch of each user
         self._closed = False
 
     async def ask(self, do: str, **values: Any) -> Any:
@@ -74,35 +76,43 @@ class Warm:
         finally:
             self._waiting -= 1
 
-    async def ask_newest(self, do: str, **values: Any) -> Any:
-        """Return the answer to a request, which takes the place of those before it."""
-        self._newest += 1
-        mine = self._newest
-        await self._give_up()
-        async with self._turn:
-            if mine != self._newest:
-                raise Overtaken("a newer one took its place")
-            answer = await self._ask(do, values)
-        if mine != self._newest:
-            raise Overtaken("cancelled")
-        return answer
+    async def ask_newest(self, do: str, user: str, **values: Any) -> Any:
+        """Return the answer to a request, which takes the place of those of its user before it."""
+        if self._waiting >= MOST_WAITING:
+            raise Overtaken("too many requests are waiting")
+        self._waiting += 1
+        try:
+            self._newest[user] = mine = self._newest.get(user, 0) + 1
+            await self._give_up(user)
+            async with self._turn:
+                if mine != self._newest.get(user):
+                    raise Overtaken("a newer one took its place")
+                self._owner = user
+                answer = await self._ask(do, values)
+            if mine != self._newest.get(user):
+                raise Overtaken("cancelled")
+            return answer
+        finally:
+            self._waiting -= 1
 
-    async def cancel(self) -> None:
-        """Give up the sketch that is being made, and all that wait."""
-        self._newest += 1
-        await self._give_up()
+    async def cancel(self, user: str) -> None:
+        """Give up the sketch of a user that is being made, and all that wait."""
+        self._newest[user] = self._newest.get(user, 0) + 1
+        await self._give_up(user)
 
     async def close(self) -> None:
         """End the process, and answer no more requests."""
-        self._newest += 1
+        self._newest.clear()
         self._closed = True
         self._kill()
         async with self._turn:
             await self._end()
 
-    async def _give_up(self) -> None:
+    async def _give_up(self, user: str) -> None:
         process, number = self._process, self._number
-        if self._current != "sketch" or process is None or process.stdin is None:
+        if self._current != "sketch" or self._owner != user:
+            return
+        if process is None or process.stdin is None:
             return
         process.stdin.write(b'"cancel"\n')
         for _ in range(20):

@@ -95,3 +95,21 @@ def test_what_is_allowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert {tmp_path / "data", tmp_path / "x", tmp_path} <= set(allowed.folders)
     assert isinstance(allowed, fence.Fence)
     assert allowed.hosts == {"thredds.example.org"}
+
+
+def test_each_name_gets_an_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each has a token of its own; names and webhooks that are none are a line."""
+    import uvicorn
+
+    monkeypatch.setattr(uvicorn.Server, "run", lambda self, sockets: None)
+    said: list[str] = []
+    drift.serve(tmp_path, user=["ANNA"], guest=["PRESS"], browser=False, say=said.append)
+    lines = "\n".join(said).splitlines()
+    found = [line.split("?token=") for line in lines if "?token=" in line]
+    assert [words.split(":")[0] for words, _ in found] == ["ANNA", "PRESS (guest)"]
+    assert len({token for _, token in found}) == 2
+    assert all(len(token) >= 43 for _, token in found)
+    with pytest.raises(UserError, match="a name has letters"):
+        drift.serve(tmp_path, user=["<"], browser=False)
+    with pytest.raises(UserError, match="give an address like"):
+        drift.serve(tmp_path, webhook="nowhere", browser=False)

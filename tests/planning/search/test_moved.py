@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import desk_plans
+import jsonschema
 import numpy as np
 import pytest
 from desk_plans import CASE, NMI, PARTICLES, RUN
 
 import drift
-from drift.apps.serve import answers, plan_answers
+from drift.apps.serve import answers, plan_answers, search_routes
 from drift.case import file as case_file
 from drift.case.values import units
 from geo.errors import UserError
@@ -20,8 +21,14 @@ from geo.errors import UserError
 WIDTHS = {"cutter": 0.7 * NMI, "aircraft": 0.5 * NMI}
 
 
+DESCRIBED = {"plan": search_routes.PLAN, "plan/pos": search_routes.MOVED_PLAN}
+
+
 def ask(do: str, **request: Any) -> Any:
-    return answers.ANSWERS[do](request, lambda phase, share: None)
+    """Return an answer, which is as the description of the interface says."""
+    told = json.loads(json.dumps(answers.ANSWERS[do](request, lambda phase, share: None)))
+    jsonschema.validate(told, DESCRIBED.get(do, {}))
+    return told
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@ import { complaint, lay, leave, opened, save as save_text, say, tab, text } from
 import { begin } from "./form.js";
 import { all, ask, button, bytes, file_of, get, guarded, make, span, when } from "./kit.js";
 import { paint } from "./map.js";
+import { by, watch } from "./people.js";
 import { close_plan, open_plan } from "./plan.js";
 import { clear_result, show_result } from "./results.js";
 import * as search from "./search.js";
@@ -74,7 +75,27 @@ function run_row(run) {
       ...(mapped ? [" ", button("On the map", () => on_map(run.name), { "aria-label": `${run.name} on the map` })] : [])),
     make("p", { class: "soft" }, facts.filter(Boolean).join(" · ")),
     ...run.warnings.map((line) => make("p", { class: "wrong" }, `Warning: ${line}`)),
+    ...(run.kind === "origin" ? [] : note_part(run.name)),
     make("details", {}, make("summary", {}, `Files of ${run.name}`), make("ul", { class: "files" }, ...files)));
+}
+
+/**
+ * Return a button that copies a short text about a result, and the place where the text appears.
+ * @param {string} run
+ */
+function note_part(run) {
+  const place = make("pre", { class: "note", tabindex: 0, role: "region", "aria-label": `Short text about ${run}`, hidden: true });
+  const said = make("span", { class: "soft", role: "status" });
+  const copy_note = guarded(async () => {
+    /** @type {{text: string}} */
+    const { text: words } = await ask("/api/note", { run });
+    place.textContent = words;
+    place.hidden = false;
+    // a browser lets pages copy only at addresses that it trusts, such as those of this machine
+    const copied = await Promise.resolve(navigator.clipboard?.writeText(words).then(() => true)).catch(() => false);
+    said.textContent = copied ? " Copied." : " Select the text and copy it.";
+  });
+  return [make("p", {}, button("Copy a short text", copy_note, { "aria-label": `Copy a short text about ${run}` }), said), place];
 }
 
 // --- cases ---------------------------------------------------------------------------------------------------------------
@@ -222,6 +243,10 @@ function new_row(job) {
     await ask(`/api/jobs/${job.number}/cancel`, {});
     poll();
   });
+  const stop = button("Cancel", cancel, {
+    "aria-label": `Cancel ${NAMES[job.kind]} of ${job.case}`,
+    "data-changes": "",
+  });
   const made = {
     item: make("li"),
     head: make("p", { class: "name" }),
@@ -230,7 +255,7 @@ function new_row(job) {
     link: make("p", {}),
     wrong: make("ul", { class: "rows" }),
     log: make("pre", { class: "log", tabindex: 0, role: "region", "aria-label": `Log of ${job.case}` }),
-    stop: button("Cancel", cancel, { "aria-label": `Cancel ${NAMES[job.kind]} of ${job.case}` }),
+    stop,
   };
   const log = make("details", {}, make("summary", {}, `Log of job ${job.number}`), made.log);
   made.item.append(made.head, make("div", { class: "line" }, made.bar, made.phase, made.stop), made.link, made.wrong, log);
@@ -245,7 +270,7 @@ function row(job) {
   const made = rows.get(job.number) ?? new_row(job);
   rows.set(job.number, made);
   const took = job.took ?? 0;
-  const head = `${NAMES[job.kind]} of ${job.case}: ${STATES[job.state]}${job.took === null ? "" : `, ${span(took)}`}`;
+  const head = `${NAMES[job.kind]} of ${job.case}${by(job.user)}: ${STATES[job.state]}${job.took === null ? "" : `, ${span(took)}`}`;
   if (made.head.textContent !== head) made.head.textContent = head;
   made.bar.hidden = made.stop.hidden = over(job);
   if (job.state === "running" && job.share > 0) made.bar.value = job.share;
@@ -334,3 +359,7 @@ document.addEventListener("visibilitychange", () => {
 colour();
 show();
 poll();
+watch(() => {
+  show();
+  poll();
+}, open);

@@ -18,6 +18,7 @@ declare global {
     form: HTMLFormElement;
     new: HTMLFormElement;
     "shipped-box": HTMLDetailsElement;
+    "log-box": HTMLDetailsElement;
     "new-name": HTMLInputElement;
     wanted: HTMLInputElement;
     picker: HTMLInputElement;
@@ -43,9 +44,11 @@ declare global {
   interface Folder { folder: string; cases: Listed[]; shipped: Listed[]; runs: Run[] }
   interface CaseText { name: string; text: string; digest: string }
   interface Job {
-    number: number; kind: "check" | "run" | "plan" | "origin"; case: string; digest: string; out: string | null; key: string | null;
+    number: number; kind: "check" | "run" | "plan" | "origin"; case: string; digest: string; user: string; out: string | null; key: string | null;
     state: "waiting" | "running" | "done" | "failed" | "cancelled"; phase: string; share: number; took: number | null; lines: string[];
   }
+  interface Entry { time: string; user: string; action: string; case: string | null; digest: string | null; result: string | null }
+  interface News { you: string; guest: boolean; several: boolean; last: number; entries: Entry[] }
   type SourceName = "wind" | "current";
   interface SourceRow { time?: string; speed?: string; from?: string | number; toward?: string | number }
   interface Source extends SourceRow { kind: "" | "constant" | "table" | "files"; rows?: SourceRow[]; files?: string[] }
