@@ -109,9 +109,9 @@ def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
 
 
 def _described(route: Route, method: str) -> dict[str, Any]:
-    known = isinstance(route, Operation)
-    takes = route.takes if isinstance(route, Operation) else ANYTHING
-    answers = route.answers if isinstance(route, Operation) else ANYTHING
+    """Return the description of a route; one without schemas takes and answers anything."""
+    own = route if isinstance(route, Operation) else None
+    takes, answers = (own.takes, own.answers) if own else (OBJECT, ANYTHING)
     doc = inspect.getdoc(route.endpoint) or ""
     told: dict[str, Any] = {
         "summary": doc.partition("\n")[0],
@@ -120,19 +120,17 @@ def _described(route: Route, method: str) -> dict[str, Any]:
             for name, convertor in route.param_convertors.items()
         ],
         "responses": {
-            "200": _answer(answers, isinstance(route, Operation) and route.mistakes),
+            "200": _answer(answers, own is not None and own.mistakes),
             "default": {
                 "description": "an error, in a line",
                 "content": _json({"$ref": "#/components/schemas/Error"}),
             },
         },
-        "x-guests": known and isinstance(route, Operation) and route.reads,
+        "x-guests": own is not None and own.reads,
     }
     if method == "POST":
-        told["requestBody"] = {
-            "required": True,
-            "content": _json(OBJECT if takes is None else takes),
-        }
+        body = OBJECT if takes is None else takes
+        told["requestBody"] = {"required": True, "content": _json(body)}
     return told
 
 

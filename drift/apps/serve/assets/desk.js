@@ -9,6 +9,7 @@ import { clear_result, show_result } from "./results.js";
 import * as search from "./search.js";
 
 const own = {
+  lists: /** @type {Map<string, string>} */ (new Map()), // as they were told last, by id
   jobs: /** @type {Map<number, Job>} */ (new Map()),
   check: /** @type {number | null} */ (null), // the job that checks the open case
   busy: false,
@@ -21,19 +22,25 @@ const show = guarded(async () => {
   const told = await ask("/api/folder");
   get("folder").textContent = told.folder;
   document.title = `drift: ${told.folder}`;
-  list("cases", told.cases.map(case_row), "No case yet: start from one of those below, or write one.");
+  list("cases", told.cases, case_row, "No case yet: start from one of those below, or write one.");
   if (!told.cases.length) get("shipped-box").open = true;
-  list("shipped", told.shipped.map(shipped_row), "");
-  list("runs", told.runs.map(run_row), "No results yet.");
+  list("shipped", told.shipped, shipped_row, "");
+  list("runs", told.runs, run_row, "No results yet.");
 });
 
 /**
+ * Show a list. One that has not changed stays, with what the user has unfolded in it.
+ * @template Row
  * @param {string} id
- * @param {HTMLElement[]} rows
+ * @param {Row[]} told
+ * @param {(one: Row) => HTMLElement} row
  * @param {string} empty
  */
-function list(id, rows, empty) {
-  get(id).replaceChildren(...(rows.length ? rows : [make("li", { class: "soft" }, empty)]));
+function list(id, told, row, empty) {
+  const words = JSON.stringify(told);
+  if (own.lists.get(id) === words) return;
+  own.lists.set(id, words);
+  get(id).replaceChildren(...(told.length ? told.map(row) : [make("li", { class: "soft" }, empty)]));
 }
 
 /** @param {Listed} one */

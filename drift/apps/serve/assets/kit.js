@@ -83,7 +83,7 @@ export async function ask(path, body) {
   }
   const told = await answer.json().catch(() => ({ error: `the server answered ${answer.status}` }));
   if (!answer.ok) throw new Rejected(told.error, answer.status);
-  get("trouble").textContent = "";
+  if (!path.startsWith("/api/news/")) get("trouble").textContent = ""; // that is asked every second: errors stay readable
   if (told.mistakes) throw new Rejected(told.mistakes.join("\n"), 422);
   return told;
 }

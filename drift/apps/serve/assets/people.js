@@ -1,5 +1,5 @@
 // Who works here: what others do appears on the page, and guests look without changing.
-import { opened, say, text } from "./editor.js";
+import { changed, opened, say, text } from "./editor.js";
 import { all, ask, button, get, guarded, make, when } from "./kit.js";
 
 const EVERY = 1500; // [ms]
@@ -17,10 +17,10 @@ export const by = (user) => (own.several && user ? ` by ${user}` : "");
 
 /**
  * Ask again and again what was done.
- * @param {() => void} changed called when anything was
+ * @param {() => void} told called when anything was
  * @param {(name: string) => void} open opens a case again
  */
-export function watch(changed, open) {
+export function watch(told, open) {
   const look = guarded(async () => {
     try {
       /** @type {News} */
@@ -30,7 +30,7 @@ export function watch(changed, open) {
       const first = own.last === null;
       own.last = news.last;
       if (first || !news.entries.length) return;
-      changed();
+      told();
       list_log();
       for (const entry of news.entries) if (entry.user !== own.you) hear(entry, open);
     } finally {
@@ -58,7 +58,8 @@ function hear(entry, open) {
   get("news").textContent = `${sentence(entry)} (${when(entry.time).slice(11)})`;
   if (entry.action !== "saved" || entry.case !== opened.name || entry.digest === opened.digest) return;
   const name = entry.case;
-  say(`${entry.user || "Somebody"} has saved another version of this case. Yours stays here, and cannot overwrite it. `, true);
+  const yours = changed() ? " Your changes stay here, and cannot overwrite it." : "";
+  say(`${entry.user || "Somebody"} has saved another version of this case.${yours} `, true);
   if (name) get("said").append(button("Open the new version", () => open(name)));
 }
 
