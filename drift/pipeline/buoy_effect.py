@@ -117,7 +117,7 @@ def _leaves(found: Mapping[str, Any], buoys: Sequence[BuoyTrack]) -> list[Any]:
             own["name"],
             own["displacements"],
             notation.format_dtg(own["last_fix"]),
-            f"{own['excess_m_s'] / KNOT:.2f} kn toward {notation.bearing(own['excess_toward_deg'])}",
+            f"{own['excess_m_s'] / KNOT:.2f} kn toward {notation.bearing(round(own['excess_toward_deg']))}",
             listed_areas(own.get("area_nmi2_without_it", areas.get("without", {}))),
         ]
         for own in found["buoys"]
@@ -126,7 +126,7 @@ def _leaves(found: Mapping[str, Any], buoys: Sequence[BuoyTrack]) -> list[Any]:
         ("name", "Buoy", "words"),
         ("displacements", "Displacements", "count"),
         ("last_fix", "Until", "words"),
-        ("excess", "Current beyond the forcing", "words"),
+        ("excess", "Its current less that of the case", "words"),
         ("without", "Areas without it [nmi2]", "words"),
     ]
     note = " ".join(

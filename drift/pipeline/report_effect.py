@@ -100,14 +100,14 @@ def _in_words(own: Mapping[str, Any]) -> str:
 def _residual(own: Mapping[str, Any]) -> str:
     """Return the residual of a report in words."""
     return (
-        f"the {own['quantity']} at {notation.format_dtg(own['time'])} was {_velocity(own, 'residual')} beyond the forcing "
+        f"the {own['quantity']} at {notation.format_dtg(own['time'])} differed from that of the case by {_velocity(own, 'residual')} "
         f"(expected: {own['expected_residual_m_s'] / KNOT:.2f} kn a component)"
     )
 
 
 def _velocity(own: Mapping[str, Any], name: str) -> str:
     """Return a velocity of a report's table in words."""
-    toward = notation.bearing(round(own[f"{name}_toward_deg"], 1))
+    toward = notation.bearing(round(own[f"{name}_toward_deg"]))
     return f"{own[f'{name}_m_s'] / KNOT:.2f} kn toward {toward}"
 
 
@@ -137,7 +137,7 @@ def _leaves(found: Mapping[str, Any], reports: Sequence[PointReport]) -> list[An
         ("name", "Report", "words"),
         ("quantity", "Of", "words"),
         ("time", "Time", "words"),
-        ("residual", "Beyond the forcing", "words"),
+        ("residual", "Less that of the case", "words"),
         ("expected", "Expected a component [kn]", "words"),
         ("correction", "Correction there", "words"),
         ("error", "Error left [kn]", "words"),

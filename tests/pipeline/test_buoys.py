@@ -305,4 +305,4 @@ def test_the_summary_and_the_report_say_what_each_buoy_showed(tmp_path: Path) ->
     layer, table = buoy_effect.buoys_bundle(found, result.case.drifters).leaves[0]()
     assert [f["properties"]["name"] for f in layer["features"]] == ["near", "far", "", ""]
     assert [row[0] for row in table["rows"]] == ["near", "far"]
-    assert "0.48 kn toward 121.8" in str(table["rows"][0])
+    assert "0.48 kn toward 122" in str(table["rows"][0])

@@ -290,7 +290,7 @@ def test_the_summary_and_the_report_say_what_each_changed(tmp_path: Path) -> Non
     assert odd["chance"] < 0.01
     (warning,) = [line for line in result.summary["warnings"] if "odd" in line]
     assert warning.startswith(
-        'report "odd one" is odd: the current at 050200ZMAR26 was 2.61 kn toward 063.4 beyond'
+        'report "odd one" is odd: the current at 050200ZMAR26 differed from that of the case by 2.61 kn toward 063'
     )
     areas = found["area_nmi2"]
     assert areas["with"]["95%"] < 0.95 * areas["without"]["95%"]
@@ -298,4 +298,4 @@ def test_the_summary_and_the_report_say_what_each_changed(tmp_path: Path) -> Non
     assert odd["area_nmi2_without_it"]["95%"] == pytest.approx(areas["with"]["95%"], rel=0.1)
     layer, table = report_effect.reports_bundle(found, case.reports).leaves[0]()
     assert [f["properties"]["name"] for f in layer["features"]] == ["near", "odd one"]
-    assert table["rows"][0][:4] == ["near", "current", "050100ZMAR26", "0.43 kn toward 063.4"]
+    assert table["rows"][0][:4] == ["near", "current", "050100ZMAR26", "0.43 kn toward 063"]

@@ -82,8 +82,8 @@ def _drifters(numbers: dict[str, Any]) -> Facts:
     found, facts = numbers["drifters"], {}
     for number, own in enumerate(found["buoys"], 1):
         text = (
-            f'"{own["name"]}": {own["displacements"]} displacements, until {notation.format_dtg(own["last_fix"])}; the current there was '
-            f"{own['excess_m_s'] / KNOT:.2f} kn toward {notation.bearing(own['excess_toward_deg'])} beyond the forcing"
+            f'"{own["name"]}": {own["displacements"]} displacements, until {notation.format_dtg(own["last_fix"])}; the current there differed from that of the case by '
+            f"{own['excess_m_s'] / KNOT:.2f} kn toward {notation.bearing(round(own['excess_toward_deg']))}"
         )
         if without := own.get("area_nmi2_without_it"):
             text += f"; areas without it: {_listed_areas(without)}"
@@ -361,7 +361,9 @@ def spill(numbers: dict[str, Any]) -> Facts:
     counted = f"{washup['effective_worlds']:,.0f} of {washup['worlds']:,} are effective"
     rounds = len(washup["effective_worlds_by_round"])
     facts["worlds"] = counted + (
-        f", resampled {rounds - 1} times around the finds" if rounds > 1 else ""
+        f", resampled {'once' if rounds == 2 else f'{rounds - 1} times'} around the finds"
+        if rounds > 1
+        else ""
     )
     facts["errors"] = numbers["uncertainty"]["told"]
     facts |= _coast(numbers)

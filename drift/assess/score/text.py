@@ -36,7 +36,7 @@ def incident_in_words(one: Incident) -> str:
     apart = (one.nearest - one.find.time) / np.timedelta64(1, "m")
     when = "at" if apart == 0 else f"{abs(apart):.0f} min {'after' if apart > 0 else 'before'}"
     searched = (
-        f"POS so far {notation.percent(one.pos)} by {one.sorties} sorties"
+        f"POS so far {notation.percent(one.pos)} by {one.sorties} {'sortie' if one.sorties == 1 else 'sorties'}"
         if one.sorties
         else "not searched before"
     )

@@ -73,13 +73,13 @@ class WindErrorTable(fields.Table):
     """Distance over which the error is correlated, as for the current."""
 
 
-def _table(value: Any, none: dict[str, Any]) -> Any:
+def _table(value: Any, none: dict[str, Any], example: str = '{ std = "0.2 m/s" }') -> Any:
     """Replace the word "none" by the table of zero errors; return a table unchanged."""
     if not isinstance(value, str):
         return value
     if value == "none":
         return none
-    raise ValueError(f'must be a table, or "none", not {value!r}')
+    raise ValueError(f'must be a table, like {example}, or "none", not {value!r}')
 
 
 class UncertaintyTable(fields.Table):
@@ -100,7 +100,11 @@ class UncertaintyTable(fields.Table):
 Uncertainty = Annotated[
     UncertaintyTable,
     BeforeValidator(
-        lambda value: _table(value, {"current": "none", "wind": "none", "diffusivity": 0})
+        lambda value: _table(
+            value,
+            {"current": "none", "wind": "none", "diffusivity": 0},
+            '{ current = { std = "0.2 m/s" } }',
+        )
     ),
 ]
 

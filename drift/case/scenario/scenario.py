@@ -233,6 +233,8 @@ class ScenarioTable(fields.Table):
                 yield (
                     f"{given[0]}: its first phase defines the starting position; leave {given[0]} out, or begin with a course, "
                     "a behaviour or loitering"
+                    + "; a hazard needs the trackline: leave the phases out"
+                    * (given[0] == "trackline" and self.hazard is not None)
                 )
         elif self.phase and given != ["position"] and given != ["area"]:
             yield "a first phase of a course, a behaviour or of loitering begins at a position or in an area; give one of them"
@@ -270,9 +272,18 @@ class ScenarioTable(fields.Table):
             )
         for name in () if self.phase else ("vessel", "distress", "overdue"):
             if getattr(self, name) is not None:
-                yield f"{name} belongs to a target under way; add [[scenario.phase]]"
+                yield (
+                    "distress belongs to a target under way; write it within the trackline, trackline = { .., distress = .. }"
+                    if name == "distress" and self.trackline is not None
+                    else f"{name} belongs to a target under way; add [[scenario.phase]]"
+                )
         if self.hazard is not None and self.trackline is None:
-            yield "hazard belongs to a trackline; add trackline, or leave hazard out"
+            yield (
+                "hazard belongs to a trackline, and targets under way have none yet; write the voyage as trackline, without "
+                "[[scenario.phase]], distress and overdue, or leave hazard out"
+                if self.phase
+                else "hazard belongs to a trackline; add trackline, or leave hazard out"
+            )
         if self.arrival_radius is not None and self.overdue is None:
             yield "arrival_radius belongs to overdue, the time by which its arrival would be known; add overdue"
         if not adrift:

@@ -159,6 +159,12 @@ def one_of(table: BaseModel, names: tuple[str, ...]) -> str:
     return given[0]
 
 
+def _percent(value: object, unit: str, high: float) -> str:
+    """Return how to write a share that was given as a number of per cent; "" for all else."""
+    meant = not unit and high <= 1 and isinstance(value, int | float) and value <= 100 * high
+    return f'; write {value:g} per cent as "{value:g} %"' if meant else ""
+
+
 def _quantity(
     unit: str,
     what: str,
@@ -176,7 +182,10 @@ def _quantity(
                 f"{what} {value!r} must be {'above' if above else 'at least'} {low:g} {unit}".rstrip()
             )
         if number > high:
-            raise ValueError(f"{what} {value!r} must be at most {high:g} {unit}".rstrip())
+            raise ValueError(
+                f"{what} {value!r} must be at most {high:g} {unit}".rstrip()
+                + _percent(value, unit, high)
+            )
         return number
 
     return BeforeValidator(check)

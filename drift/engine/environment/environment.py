@@ -430,6 +430,6 @@ def _coverage_errors(
         + (
             f"start, duration or end, or leave {names} out: it has add = true, so the sum needs it"
             if added
-            else f"start, duration or end, or add another [[{quantity}]]"
+            else f"start, duration or end, or add another [[{quantity}]], or rows to its table"
         )
     ]

@@ -109,7 +109,7 @@ def basis(forecast: Forecast, time: int, particles: int | None) -> str:
     """Return a text with the start of the forecast and its effective number of particles."""
     times = forecast.data["time"].values
     hours = float((times[time] - times[0]) / np.timedelta64(1, "s")) / 3600
-    when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {notation.format_dtg(times[0])}"
+    when = f"{notation.number(round(abs(hours), 2))} h {'before' if hours < 0 else 'after'} {notation.format_dtg(times[0])}"
     many = float(forecast.data["effective_particles"].values[time])
     if particles is None:
         return f"{when}   ·   {many:,.0f} effective particles"

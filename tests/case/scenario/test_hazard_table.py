@@ -68,6 +68,18 @@ def test_it_belongs_to_a_trackline(tmp_path: Path) -> None:
         case_of(tmp_path, {"wind": "9 m/s"}, own=own)
 
 
+def test_the_time_of_distress_is_written_in_the_trackline(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="write it within the trackline"):
+        case_of(tmp_path, {"wind": "9 m/s"}, own={"distress": {"part": [0, 1]}})
+
+
+def test_a_target_under_way_has_none(tmp_path: Path) -> None:
+    voyage = {"waypoints": ["59N 4E", "59N 5E"], "speed": "6 kn"}
+    own = {"trackline": None, "distress": {"part": [0, 1]}, "phase": [{"voyage": voyage}]}
+    with pytest.raises(UserError, match="targets under way have none yet"):
+        case_of(tmp_path, {"wind": "9 m/s"}, own=own)
+
+
 @pytest.mark.parametrize(
     ("values", "more", "words"),
     [

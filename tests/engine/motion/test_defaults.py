@@ -199,11 +199,15 @@ def test_the_bias_of_a_spill_is_given_once(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("uncertainty", '"off"', r"uncertainty: must be a table, or \"none\", not 'off'"),
+        (
+            "uncertainty",
+            '"off"',
+            r"uncertainty: must be a table, like { current = { std = \"0.2 m/s\" } }, or \"none\", not 'off'",
+        ),
         (
             "uncertainty.current",
             '"off"',
-            r"uncertainty\.current: must be a table, or \"none\", not 'off'",
+            r"uncertainty\.current: must be a table, like { std = \"0.2 m/s\" }, or \"none\", not 'off'",
         ),
         ("uncertainty.wind", "3", r"uncertainty\.wind: must be a table, not 3"),
         (
@@ -262,10 +266,10 @@ def test_check_run_files_and_every_picture_say_which_errors_were_used(
     sortie += "area = { polygon = [[3.9, 58.9], [4.1, 58.9], [4.1, 59.1], [3.9, 59.1]] }\n"
     text = sources(tmp_path) + RAFT + sortie
     told = {
-        "": "current 0.31 m/s over 11 h and 0.08 m/s that lasts (default); no error of the wind (not from model files)",
+        "": "current 0.31 m/s over 11 h and 0.08 m/s that lasts (default); no error of the wind (not from model files; state one in [uncertainty])",
         "none": "no error of the current (case); no error of the wind (case)",
         '{ current = { std = "0.2 m/s" }, diffusivity = 4 }': "current 0.2 m/s over 11 h (case, time by default); no error of the "
-        "wind (not from model files); diffusivity 4 m2/s (case)",
+        "wind (not from model files; state one in [uncertainty]); diffusivity 4 m2/s (case)",
     }
     (tmp_path / "trial.toml").write_text(text)
     for written, words in told.items():

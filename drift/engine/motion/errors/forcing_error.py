@@ -105,7 +105,8 @@ def _words(quantity: str, error: ForcingError) -> str:
     if error.bias > 0:
         parts.append((f"{notation.number(error.bias)} m/s that lasts", bias))
     if not parts:
-        return f"no error of the {quantity} ({std})"
+        what_to_do = "; state one in [uncertainty]" * (std == NOWHERE)
+        return f"no error of the {quantity} ({std}{what_to_do})"
     law, alone = "", ""
     if error.tailed:  # no default has a tail
         law = f", Student's with {notation.number(error.tail)} degrees of freedom"

@@ -5,12 +5,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from drift.engine.motion import changes
 from drift.planning.plans import PlanOutputs
 from drift.planning.search.products import files as plan_files
 from drift.planning.search.products import report
 from drift.planning.search.products import text as plan_text
 from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from geo.box import Box
+
+CHANGED = "POS and POD use the sweep widths before any change of state. If the object is harder to see after it (capsized, in the water), both are too high."
 
 
 def _text(matter: PlanOutputs, stamped: Stamped) -> str:
@@ -21,6 +24,8 @@ def _text(matter: PlanOutputs, stamped: Stamped) -> str:
         for name in plan.idle
         if not any(words.startswith(f"{name} is not sent") for words in plan.said)
     ]
+    if changes.any_changes(matter.case.scenarios):
+        notes.append(CHANGED)
     title, run = matter.setting.imprint.title, stamped["run_id"]
     return plan_text.plan_text(plan, title, run, [*notes, *plan.said], synthetic=matter.synthetic)
 

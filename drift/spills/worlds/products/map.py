@@ -570,7 +570,7 @@ def _words(on: Page, data: xr.Dataset, imprint: Imprint, finds: int) -> None:
     """Write title, valid time, basis, account and the number of finds over the maps."""
     begin, end = data["start"].values[()], data["time"].values[-1]
     hours = (end - begin) / np.timedelta64(1, "h")
-    valid = f"Washup by {_moment(end)}, {hours:g} h after the start, {notation.format_dtg(begin)}"
+    valid = f"Washup by {_moment(end)}, {notation.number(round(hours, 2))} h after the start, {notation.format_dtg(begin)}"
     sheet.write_head(on, imprint, valid, _basis(data))
     account = _account(data)
     sheet.write_line(on, sheet.heading(0.8905, min(9.5, 1320 / len(account))), account)
