@@ -71,7 +71,7 @@ def fly(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, manner: str) -> l
     factor, weights = joint.nodes(units)
     few = record.sample(tracks, min(tracks.m, FEW))
     cloud = Cloud(few.time - few.time[0], *plane.flat(few.lon * sphere.UNIT, few.lat * sphere.UNIT))
-    swarm = optimiser._swarm(few, spec, [None] * (int(few.scenario.max()) + 1), plane)
+    swarm = optimiser.swarm_of(few, spec, [None] * (int(few.scenario.max()) + 1), plane)
     left = np.outer(few.weight, weights)
     flights: list[Flight] = []
     for u, unit in enumerate(units):
@@ -124,7 +124,7 @@ def find(
     """
     if not flights:
         return np.zeros(tracks.m)
-    swarm = optimiser._swarm(tracks, spec, survival, flights[0].crew.plane)
+    swarm = optimiser.swarm_of(tracks, spec, survival, flights[0].crew.plane)
     finds = []
     for flight in flights:
         crew, nodes = flight.crew, flight.nodes

@@ -58,7 +58,7 @@ def found(
 ) -> np.ndarray:
     """Return what a plan's sorties find of each particle of tracks (m,)."""
     plane = record.plane(tracks)
-    swarm = optimiser._swarm(tracks, spec, survival, plane)
+    swarm = optimiser.swarm_of(tracks, spec, survival, plane)
     factor, weights = joint.nodes(units)
     zero, finds = float(tracks.time[0]), []
     for task in made.taskings:

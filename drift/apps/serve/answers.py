@@ -10,19 +10,24 @@ import contextlib
 import json
 import os
 import queue
-import re
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
 
-from drift.apps.serve import form, note_answers
+from drift.apps.serve import (
+    form,
+    mistakes,
+    note_answers,
+    plan_answers,
+    result_answers,
+    search_answers,
+)
 from drift.case import file as case_file
-from drift.case.values import messages
 from geo import notation, sphere
 from geo.box import Box
 from geo.coast import gshhg, shore
@@ -32,11 +37,6 @@ PARTICLES = 10_000  # of a sketch
 DRAWN = 2000  # of them, on the map
 AREAS = "[50, 75, 95]"
 OVERLONG = 300  # characters of a message
-HEADER = re.compile(r"\s*\[(\[?)\s*([\w.\"' -]+?)\s*\]?\]\s*(#.*)?$")
-KEY = re.compile(r"\s*([\w.\"'-]+(?:\s*\.\s*[\w\"'-]+)*)\s*=")
-# what a message about a whole scenario asks for, and the field for it
-MISSING = {": object is missing": "object", "exactly one of position": "position.at"}
-LINE = re.compile(r"\(?at line (\d+), column \d+\)?")
 
 
 class Cancelled(Exception):
@@ -101,67 +101,8 @@ def _check(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         case_file.load_text(path, text)
     except UserError as error:
         lines = [line.removeprefix(f"{path.name}: ")[:OVERLONG] for line in error.lines]
-        return {"messages": [_message(line, text) for line in lines]}
+        return {"messages": [mistakes.message_of(line, text) for line in lines]}
     return {"messages": []}
-
-
-def _message(line: str, text: str) -> dict[str, Any]:
-    """Return a mistake with the line of the text and the field of the form that it is about."""
-    if found := LINE.search(line):
-        return {"message": line, "line": int(found[1]), "field": None}
-    try:
-        data = form.parse_text(text)
-    except UserError:
-        return {"message": line, "line": None, "field": None}
-    number = len(data["scenario"]) if isinstance(data.get("scenario"), list) else 0
-    fields = {
-        messages.where(form.place_of(name), data): name for name in form.names_of_fields(number)
-    }
-    # the tables that fields are in, such as a scenario or its position
-    for name in list(fields.values()):
-        place = form.place_of(name)
-        for size in range(len(place) - 1, 0, -1):
-            fields.setdefault(messages.where(place[:size], data), ".".join(map(str, place[:size])))
-    for quantity in form.SOURCES:
-        for k, _ in enumerate(data.get(quantity) or [()]):
-            fields[messages.where((quantity, k), data)] = quantity
-    places = {messages.where(place, data): k for place, k in _lines_of_places(text)}
-    field = fields.get(_longest(line, fields))
-    return {
-        "message": line,
-        "line": places.get(_longest(line, places)),
-        "field": next((f"{field}.{own}" for words, own in MISSING.items() if words in line), field),
-    }
-
-
-def _longest(line: str, places: Mapping[str, Any]) -> str:
-    """Return the longest place that a message begins with."""
-    begun = (
-        one for one in places if line.startswith(one) and line[len(one) : len(one) + 1] in ":. "
-    )
-    return max(begun, key=len, default="")
-
-
-def _lines_of_places(text: str) -> Iterator[tuple[form.Place, int]]:
-    """Yield the keys and list indices of tables and keys, each with its line from 1.
-
-    Lines inside texts of several lines may be taken for keys, as only messages depend on it.
-    """
-    counts: dict[str, int] = {}
-    above: form.Place = ()
-    for k, line in enumerate(text.split("\n"), 1):
-        if header := HEADER.match(line):
-            names = [part.strip(" \"'") for part in header[2].split(".")]
-            dotted = ".".join(names)
-            if header[1]:
-                counts[dotted] = counts.get(dotted, -1) + 1
-            above = ()
-            for size, name in enumerate(names, 1):
-                number = counts.get(".".join(names[:size]))
-                above += (name,) if number is None else (name, number)
-            yield above, k
-        elif key := KEY.match(line):
-            yield (*above, *(part.strip(" \"'") for part in key[1].split("."))), k
 
 
 def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
@@ -290,4 +231,10 @@ ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
     "forcing": _forcing,
     "note": lambda request, tell: note_answers.note(request),
     "warm": _warm,
+    "search": lambda request, tell: search_answers.search(request),
+    "plan": lambda request, tell: plan_answers.plan(request),
+    "plan/pos": lambda request, tell: plan_answers.pos(request),
+    "plan/keep": lambda request, tell: plan_answers.keep(request),
+    "result": lambda request, tell: result_answers.result(request),
+    "result/value": lambda request, tell: result_answers.value(request),
 }

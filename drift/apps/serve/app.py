@@ -28,18 +28,18 @@ from drift.apps.serve.desk_log import DeskLog
 from drift.apps.serve.form_routes import FormRoutes
 from drift.apps.serve.gate import Gate
 from drift.apps.serve.jobs import KINDS, Job, Jobs, Limits
+from drift.apps.serve.search_routes import SearchRoutes
 from drift.apps.serve.users import Secret, User
 from drift.apps.serve.webhook import Webhook
 from drift.case import file as case_file
 from drift.case import template
 from geo.files import fence
 
+PAGE = ("desk", "editor", "form", "kit", "map", "people", "sources")
+SEARCH = ("drawn", "plan", "results", "rows", "search", "searches")
 ASSETS = {
     "desk.css": ("drift.apps.serve", "text/css"),
-    **{
-        f"{name}.js": ("drift.apps.serve", "text/javascript")
-        for name in ("desk", "editor", "form", "kit", "map", "people", "sources")
-    },
+    **{f"{name}.js": ("drift.apps.serve", "text/javascript") for name in (*PAGE, *SEARCH)},
     # the look and the map of report.html
     **dict.fromkeys(("ol.css", "page.css"), ("drift.products.report", "text/css")),
     **{
@@ -423,6 +423,7 @@ def make(
     """
     desk = Desk(folder, secret, allowed, limits, webhook)
     form = FormRoutes(folder, allowed, limits)
+    search = SearchRoutes(folder, form)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -442,6 +443,7 @@ def make(
         Route("/assets/{name}", desk.asset),
         *desk.routes(),
         *form.routes(),
+        *search.routes(),
         Operation("GET", "/api/openapi.json", openapi, api.OBJECT),
     ]
     reads = api.open_to_guests(routes)

@@ -16,6 +16,7 @@ import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
+from drift.apps.serve import form_sources, nodes, search_fields
 from drift.case.values import fields as case_fields
 from drift.case.values import units
 from geo import notation
@@ -24,13 +25,13 @@ from geo.errors import UserError
 LARGEST = 2**20  # [bytes] of a text, as of a case
 MOST_CHANGES = 100
 MOST_SCENARIOS = 50  # that a form shows
-LONGEST = 1000  # characters of a value
 STARTS = ("position", "trackline", "area")  # tables of a scenario that say where it went adrift
 TOP = ("title", "start", "duration", "particles", "coast.source")
 SCENARIO = (
     "name",
     "weight",
     "object",
+    "search_object",
     "position.at",
     "position.time",
     "position.error",
@@ -43,16 +44,9 @@ SCENARIO = (
     "area.until",
 )
 LISTS = ("trackline.waypoints", "area.polygon")
-SOURCES = {"wind": "from", "current": "toward"}  # and the key of their direction
-KINDS = ("constant", "table", "files")
+OWN = (*search_fields.TABLES, "plan")  # tables of the step "Search"
 IN_SCENARIO = re.compile(r"scenario\.(\d{1,2})\.(.+)")
 NUMBERS = ("particles", "weight")
-# errors of typed winds and currents, which have none by default (docs/errors.md)
-TYPED = {
-    "current": {"std": "0.3 m/s", "time": "11 h"},
-    "wind": {"std": "2 m/s", "time": "12 h"},
-}
-TYPED_NOTE = "how wrong what was typed may be (docs/errors.md)"
 NEW = """\
 # Written by the form of drift serve. You can change this text too: both stay in step.
 title = "New search"
@@ -66,8 +60,6 @@ every = "3 h"
 [[scenario]]
 name = "last known position"
 """
-
-Place = tuple[str | int, ...]
 
 
 def new_text(now: np.datetime64) -> str:
@@ -103,10 +95,15 @@ def read_fields(text: str) -> dict[str, Any]:
     start = _read("start", data.get("start"), None)
     shown = {name: _shown(data, name, start) for name in names_of_fields(number)}
     unknown = [
-        *(key for key in data if key not in {"scenario", "coast", *SOURCES, *TOP}),
+        *(
+            key
+            for key in data
+            if key not in {"scenario", "coast", *OWN, *form_sources.SOURCES, *TOP}
+        ),
         *_unknown_of_scenarios(scenarios),
         *(f"coast.{key}" for key in _keys(data.get("coast")) if key != "source"),
-        *(name for name in SOURCES if shown[name].get("in_text")),
+        *(name for name in form_sources.SOURCES if shown[name].get("in_text")),
+        *search_fields.hidden_keys(data),
     ]
     return {"fields": shown, "unknown": unknown, "scenarios": number}
 
@@ -116,12 +113,7 @@ def names_of_fields(scenarios: int) -> list[str]:
     own = (
         f"scenario.{k}.{name}" for k in range(min(scenarios, MOST_SCENARIOS)) for name in SCENARIO
     )
-    return [*TOP, *SOURCES, *own]
-
-
-def place_of(field: str) -> Place:
-    """Return the keys and list indices of a field in the tables of a case."""
-    return tuple(int(part) if part.isdecimal() else part for part in field.split("."))
+    return [*TOP, *form_sources.SOURCES, *own]
 
 
 def set_fields(text: str, changes: Sequence[Mapping[str, Any]]) -> str:
@@ -135,11 +127,34 @@ def set_fields(text: str, changes: Sequence[Mapping[str, Any]]) -> str:
         UserError: a field does not exist or is set in the text, a value has another kind, or the
             text is not TOML.
     """
+
+    def work(document: Any, data: dict[str, Any]) -> None:
+        for change in changes:
+            _change(document, data, change.get("field"), change.get("value"))
+
+    return _changed_text(text, work)
+
+
+def add_table(text: str, table: str, row: Mapping[str, Any]) -> str:
+    """Return a text with one more table of a list of tables, such as "sortie".
+
+    Raises:
+        UserError: as `set_fields`.
+    """
+
+    def work(document: Any, data: dict[str, Any]) -> None:
+        for node in (document, data):
+            search_fields.add_row(node, table, deepcopy(row))
+
+    return _changed_text(text, work)
+
+
+def _changed_text(text: str, work: Callable[[Any, dict[str, Any]], None]) -> str:
+    """Return a text after the same work on its document and on its plain tables."""
     data = parse_text(text)
     try:
         document: Any = tomlkit.parse(text)
-        for change in changes:
-            _change(document, data, change.get("field"), change.get("value"))
+        work(document, data)
         made = tomlkit.dumps(document)
     except (TOMLKitError, AttributeError, IndexError, KeyError, TypeError) as error:
         raise UserError(
@@ -152,15 +167,23 @@ def set_fields(text: str, changes: Sequence[Mapping[str, Any]]) -> str:
 
 def _change(document: Any, data: dict[str, Any], field: object, value: Any) -> None:
     """Change one field in a document and in the plain tables."""
-    if not isinstance(field, str) or (field not in {*TOP, *SOURCES} and not _is_of_scenario(field)):
-        raise UserError(f"there is no field {str(field)[:100]!r}")
-    if field in SOURCES:
-        _check_source(field, value)
+    if isinstance(field, str) and search_fields.is_field(field):
+        search_fields.check_value(field, value)
+        search_fields.check_place(data, field)
         for node in (document, data):
-            _set_source(node, field, deepcopy(value))
+            search_fields.set_key(node, field, deepcopy(value))
+        return
+    if not isinstance(field, str) or (
+        field not in {*TOP, *form_sources.SOURCES} and not _is_of_scenario(field)
+    ):
+        raise UserError(f"there is no field {str(field)[:100]!r}")
+    if field in form_sources.SOURCES:
+        form_sources.check_source(field, value)
+        for node in (document, data):
+            form_sources.set_source(node, field, deepcopy(value))
         return
     _check_value(field, value)
-    place = place_of(field)
+    place = search_fields.place_of(field)
     if place[0] == "scenario":
         many = data.get("scenario", [])
         if not isinstance(many, list) or int(place[1]) > len(many):
@@ -192,45 +215,10 @@ def _check_value(field: str, value: Any) -> None:
     else:
         values = [value]
     for one in values:
-        _check_words(field, one)
+        search_fields.check_words(field, one)
 
 
-def _check_words(field: str, value: Any) -> None:
-    if not isinstance(value, str) or len(value) > LONGEST or not value.isprintable():
-        raise UserError(f"{field}: give one line of at most {LONGEST} characters")
-
-
-def _check_source(field: str, value: Any) -> None:
-    """Reject a wind or current that is not one of a form."""
-    if value is None:
-        return
-    if not isinstance(value, dict) or value.get("kind") not in KINDS:
-        raise UserError(f"{field}: give its kind: {', '.join(KINDS)}")
-    kind = value["kind"]
-    direction = SOURCES[field]
-    rows = [value] if kind == "constant" else value.get("rows" if kind == "table" else "files")
-    if not isinstance(rows, list) or not 1 <= len(rows) <= 500:
-        raise UserError(f"{field}: give 1 to 500 {'rows' if kind == 'table' else 'files'}")
-    for row in rows:
-        if kind == "files":
-            _check_words(field, row)
-            continue
-        wanted = {"speed", direction} | ({"time"} if kind == "table" else {"kind"})
-        if not isinstance(row, dict) or row.keys() != wanted:
-            raise UserError(f"{field}: give {' and '.join(sorted(wanted - {'kind'}))}")
-        for name in ("speed", "time"):
-            if name in wanted:
-                _check_words(f"{field}.{name}", row[name])
-        _check_direction(f"{field}.{direction}", row[direction])
-
-
-def _check_direction(field: str, value: Any) -> None:
-    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1e6:
-        return
-    _check_words(field, value)
-
-
-def _set_key(node: Any, place: Place, value: Any) -> None:
+def _set_key(node: Any, place: search_fields.Place, value: Any) -> None:
     """Set or remove one key of the tables, or of a document of tomlkit with its comments."""
     *above, last = place
     if place[0] == "scenario":
@@ -240,21 +228,21 @@ def _set_key(node: Any, place: Place, value: Any) -> None:
         if part not in node:
             if value is None:
                 return
-            node[part] = _table(node, value={})
+            node[part] = nodes.table_beside(node, value={})
         node = node[part]
-    _put(node, last, value)
+    nodes.put(node, last, value)
 
 
-def _set_key_of_scenario(node: Any, number: int, rest: Place, value: Any) -> None:
+def _set_key_of_scenario(node: Any, number: int, rest: search_fields.Place, value: Any) -> None:
     many = node.get("scenario")
     if many is None:
-        many = node["scenario"] = _list_of_tables(node)
+        many = node["scenario"] = nodes.list_of_tables(node)
     if number == len(many):
-        made = _table(node, {}, inline=False)
+        made = nodes.table_beside(node, {}, inline=False)
         many.append(made)
     one = many[number]
     if len(rest) == 1:
-        _put(one, rest[0], value)
+        nodes.put(one, rest[0], value)
         return
     start, key = rest
     if value is not None:  # it went adrift in one way only
@@ -264,89 +252,10 @@ def _set_key_of_scenario(node: Any, number: int, rest: Place, value: Any) -> Non
     if start not in one:
         if value is None:
             return
-        one[start] = _table(node, {})
-    _put(one[start], key, value)
+        one[start] = nodes.table_beside(node, {})
+    nodes.put(one[start], key, value)
     if not one[start]:
         del one[start]
-
-
-def _put(table: Any, key: str | int, value: Any) -> None:
-    if value is None:
-        if key in table:
-            del table[key]
-    else:
-        table[key] = value
-
-
-def _set_source(node: Any, quantity: str, value: Any) -> None:
-    """Set the one source of a quantity, and the default errors of typed ones."""
-    many = node.get(quantity)
-    if many is not None and _source(many, quantity) is None:
-        raise UserError(f"{quantity} is set in the text; change it there")
-    if value is None:
-        node.pop(quantity, None)
-        _set_typed_error(node, quantity, False)
-        return
-    kind = value.pop("kind")
-    written = value if kind == "constant" else value["rows" if kind == "table" else "files"]
-    if not many:
-        if many is not None:
-            del node[quantity]
-        many = node[quantity] = _list_of_tables(node)
-        many.append(_table(node, {}, inline=False))
-        many[0]["name"] = "forecast" if kind == "files" else "on scene"
-    one = many[0]
-    for old in KINDS:
-        if old != kind and old in one:
-            del one[old]
-    if kind == "table":
-        written = _rows(node, written)
-    elif kind == "constant":
-        written = _table(node, written)
-    elif len(written) == 1:
-        written = written[0]
-    one[kind] = written
-    _set_typed_error(node, quantity, kind != "files")
-
-
-def _set_typed_error(node: Any, quantity: str, typed: bool) -> None:
-    """State the error of what is typed, unless the text states one; files have defaults."""
-    errors = node.get("uncertainty")
-    if typed and errors is None:
-        errors = node["uncertainty"] = _table(node, {}, inline=False)
-        if isinstance(errors, tomlkit.items.Table):
-            errors.comment(TYPED_NOTE)
-    if not isinstance(errors, dict):
-        return
-    if typed and quantity not in errors:
-        errors[quantity] = _table(node, TYPED[quantity])
-    elif not typed and errors.get(quantity) == TYPED[quantity]:
-        del errors[quantity]
-        if not errors:
-            del node["uncertainty"]
-
-
-def _table(beside: Any, value: Mapping[str, Any], inline: bool = True) -> Any:
-    """Return a table of the kind of the node beside it: of tomlkit, or a dict."""
-    if type(beside) is dict:
-        return dict(value)
-    made: Any = tomlkit.inline_table() if inline else tomlkit.table()
-    made.update(value)
-    return made
-
-
-def _list_of_tables(beside: Any) -> Any:
-    return [] if type(beside) is dict else tomlkit.aot()
-
-
-def _rows(beside: Any, rows: Sequence[Mapping[str, Any]]) -> Any:
-    """Return a list with one row per line."""
-    if type(beside) is dict:
-        return [dict(row) for row in rows]
-    made = tomlkit.array()
-    for row in rows:
-        made.append(_table(beside, row))
-    return made.multiline(True)
 
 
 def _keys(table: Any) -> list[str]:
@@ -370,13 +279,15 @@ def _unknown_of_scenarios(scenarios: Any) -> list[str]:
 
 def _shown(data: Any, field: str, start: Any) -> dict[str, Any]:
     """Return what a form shows of a field."""
-    if field in SOURCES:
+    if field in form_sources.SOURCES:
         many = data.get(field)
         return (
-            {"in_text": True} if (own := _source(many, field)) is None else {"value": own or None}
+            {"in_text": True}
+            if (own := form_sources.read_source(many, field)) is None
+            else {"value": own or None}
         )
     value = data
-    for part in place_of(field):
+    for part in search_fields.place_of(field):
         if isinstance(value, list) and isinstance(part, int):
             value = value[part] if part < len(value) else None
         elif isinstance(value, dict):
@@ -400,37 +311,6 @@ def _shown(data: Any, field: str, start: Any) -> dict[str, Any]:
     elif isinstance(value, bool) or not isinstance(value, str | int | float | None):
         return {"in_text": True}
     return {"value": value} if read is None else {"value": value, "read": read}
-
-
-def _source(many: Any, quantity: str) -> dict[str, Any] | None:
-    """Return the one source of a quantity as a form shows it, {} for none; None: only as text."""
-    if not many and isinstance(many, list | None):
-        return {}
-    if not isinstance(many, list) or len(many) != 1 or not isinstance(many[0], dict):
-        return None
-    one, direction = many[0], SOURCES[quantity]
-    kinds = [kind for kind in KINDS if kind in one]
-    if len(kinds) != 1 or not one.keys() <= {"name", *kinds}:
-        return {} if one.keys() <= {"name"} else None
-    kind = kinds[0]
-    written = one[kind]
-    if kind == "files":
-        files = [written] if isinstance(written, str) else written
-        if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
-            return None
-        return {"kind": kind, "files": [str(file) for file in files]}
-    rows = [written] if kind == "constant" else written
-    wanted = {"speed", direction} | ({"time"} if kind == "table" else set())
-    if not isinstance(rows, list) or not all(
-        isinstance(row, dict) and row.keys() == wanted for row in rows
-    ):
-        return None
-    plain = [{name: _plain(row[name]) for name in sorted(wanted)} for row in rows]
-    return {"kind": kind, **plain[0]} if kind == "constant" else {"kind": kind, "rows": plain}
-
-
-def _plain(value: Any) -> Any:
-    return value.isoformat() if isinstance(value, datetime | date) else value
 
 
 def _time(value: Any, start: Any) -> str:

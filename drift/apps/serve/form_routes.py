@@ -89,7 +89,7 @@ class FormRoutes:
         """Return the routes."""
 
         def post(path: str, handler: Any, takes: Schema, answers: Schema, reads: bool) -> Operation:
-            made = _answered(handler)
+            made = answered(handler)
             return Operation(
                 "POST", f"/api/{path}", made, answers, takes=takes, reads=reads, mistakes=True
             )
@@ -118,11 +118,11 @@ class FormRoutes:
 
     async def form(self, body: dict[str, Any]) -> Any:
         """Return what the form shows of a text."""
-        return await self.typing.ask("form", text=_text(body, {"text"}))
+        return await self.typing.ask("form", text=text_of(body, {"text"}))
 
     async def set(self, body: dict[str, Any]) -> Any:
         """Return a text with changed fields."""
-        text, changes = _text(body, {"text", "changes"}), body["changes"]
+        text, changes = text_of(body, {"text", "changes"}), body["changes"]
         if (
             not isinstance(changes, list)
             or not 1 <= len(changes) <= form.MOST_CHANGES
@@ -135,7 +135,7 @@ class FormRoutes:
 
     async def new(self, body: dict[str, Any]) -> Any:
         """Return the text of a new case, and warm the process that makes sketches."""
-        _keys(body, set())
+        check_keys(body, set())
         self._warm_up()
         now = np.datetime64(int(time.time()) // 60 * 60, "s")
         return {"text": form.new_text(now)}
@@ -144,23 +144,23 @@ class FormRoutes:
         """Return the mistakes of a text, with line and field."""
         self._warm_up()
         return await self.typing.ask(
-            "check", text=_text(body, {"text", "name"}), path=self._path(body)
+            "check", text=text_of(body, {"text", "name"}), path=self.path_of(body)
         )
 
     async def sketch(self, body: dict[str, Any], user: str) -> Any:
         """Return a forecast of few particles; it takes the place of the user's one before it."""
-        text, path = _text(body, {"text", "name"}), self._path(body)
+        text, path = text_of(body, {"text", "name"}), self.path_of(body)
         return await self.sketching.ask_newest("sketch", user, text=text, path=path)
 
     async def cancel(self, body: dict[str, Any], user: str) -> Any:
         """Give up the user's sketch that is being made."""
-        _keys(body, set())
+        check_keys(body, set())
         await self.sketching.cancel(user)
         return {}
 
     async def note(self, body: dict[str, Any]) -> Any:
         """Return a short text about a result, for a message."""
-        _keys(body, {"run"})
+        check_keys(body, {"run"})
         run = body["run"]
         if not isinstance(run, str) or not names.plain(run):
             raise Invalid("give the name of a result of this folder")
@@ -168,12 +168,12 @@ class FormRoutes:
 
     async def coast(self, body: dict[str, Any]) -> Any:
         """Return the land in a box."""
-        _keys(body, {"box", "step"})
+        check_keys(body, {"box", "step"})
         box, step = body["box"], body["step"]
         if (
             not isinstance(box, list)
             or len(box) != 4
-            or not all(_is_number(one) for one in (*box, step))
+            or not all(is_number(one) for one in (*box, step))
             or not (-540 <= box[0] < box[2] <= 540 and -90 <= box[1] < box[3] <= 90)
             or box[2] - box[0] > 360
             or not FINEST <= step <= COARSEST
@@ -184,7 +184,7 @@ class FormRoutes:
 
     async def forcing(self, body: dict[str, Any]) -> Any:
         """Return the files of winds and currents in the folder, or what one of them covers."""
-        _keys(body, {"file"})
+        check_keys(body, {"file"})
         name = body["file"]
         if name is None:
             entries = await asyncio.to_thread(lambda: list(shelf.entries(self.folder)))
@@ -204,12 +204,18 @@ class FormRoutes:
         """Return the objects that can be adrift, with everyday words for them."""
         return JSONResponse({"objects": _objects()})
 
-    def _path(self, body: dict[str, Any]) -> str:
+    def path_of(self, body: dict[str, Any]) -> str:
         """Return the path of the case of a text, from whose folder its files are looked for."""
         name = body["name"]
         if not isinstance(name, str) or not names.case(name):
             raise Invalid("give the name of a case")
         return str(self.folder / name)
+
+    async def warmed(self) -> None:
+        """Wait until the process that makes sketches has compiled what it needs."""
+        self._warm_up()
+        assert self._warming is not None
+        await asyncio.shield(self._warming)
 
     def _warm_up(self) -> None:
         if self._warming is None:
@@ -224,7 +230,7 @@ async def _silent(work: Awaitable[Any]) -> None:
         return
 
 
-def _answered(handler: Any) -> Any:
+def answered(handler: Any) -> Any:
     """Return a handler that turns what goes wrong into a status and a line."""
     with_user = "user" in inspect.signature(handler).parameters
 
@@ -248,14 +254,15 @@ def _answered(handler: Any) -> Any:
     return answer
 
 
-def _keys(body: dict[str, Any], wanted: set[str]) -> None:
+def check_keys(body: dict[str, Any], wanted: set[str]) -> None:
+    """Reject a request that has not exactly these keys."""
     if body.keys() != wanted:
         raise Invalid(f"give {', '.join(sorted(wanted)) or 'nothing'}")
 
 
-def _text(body: dict[str, Any], wanted: set[str]) -> str:
+def text_of(body: dict[str, Any], wanted: set[str]) -> str:
     """Return the text of a request with these keys."""
-    _keys(body, wanted)
+    check_keys(body, wanted)
     text = body["text"]
     if (
         not isinstance(text, str)
@@ -268,7 +275,8 @@ def _text(body: dict[str, Any], wanted: set[str]) -> str:
     return text
 
 
-def _is_number(value: object) -> bool:
+def is_number(value: object) -> bool:
+    """Return whether a value is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 

@@ -22,14 +22,20 @@ from geo.files import fence
 START = "from drift.apps.cli import tethered; tethered.answer"
 MOST_WAITING = 20  # requests
 LONGEST_ANSWER = 2**25  # [bytes]
-PATIENCE = {
+PATIENCE = {  # [s]
     "form": 10.0,
     "set": 10.0,
     "check": 10.0,
+    "search": 10.0,
+    "plan": 20.0,
+    "plan/keep": 20.0,
+    "plan/pos": 180.0,  # the first one follows the particles
+    "result": 60.0,
+    "result/value": 20.0,
     "coast": 30.0,
     "forcing": 60.0,
     "note": 60.0,
-}  # [s]
+}
 FIRST = 60.0  # [s] more, for a process that starts
 SKETCH = 180.0  # [s]
 GRACE = 2.0  # [s] that a process has to give up a cancelled sketch

@@ -38,15 +38,22 @@ SHORTEST = 300  # [s]
 POSITIONS = 8_000_000
 
 
-def follow(case: Case, where: Environment) -> Tracks:
-    """Return tracks from the plan's begin to its end, weighted by all sorties and contacts."""
+def follow(case: Case, where: Environment, own: bool = False) -> Tracks:
+    """Return tracks from the plan's begin to its end, weighted by all sorties and contacts.
+
+    Args:
+        case: with the plan.
+        where: environment of the run.
+        own: True: the case's own particles, on which plans are scored, instead of others.
+    """
     spec = case.plan
     span = int((spec.until - spec.begin) / np.timedelta64(1, "s"))
     count = max(span // max(SHORTEST, span // BINS), 1)
     steers = [s.itinerary for s in case.scenarios if s.itinerary is not None]
-    seed = noise.seed_for(case.seed, Purpose.PLANNING)
+    seed = case.seed if own else noise.seed_for(case.seed, Purpose.PLANNING)
+    particles = case.particles if own else spec.particles
     planning_case = replace(
-        case, particles=spec.particles, seed=seed, end=spec.until, resampling=Resampling()
+        case, particles=particles, seed=seed, end=spec.until, resampling=Resampling()
     )
     setup = run_setup.prepare(planning_case, where)
     try:
@@ -54,7 +61,7 @@ def follow(case: Case, where: Environment) -> Tracks:
         first = case.period.elapsed(spec.begin)
         edges = np.unique(np.linspace(0, span, count + 1).round().astype(np.int64))
         if steers:
-            edges = _on_lattice(span, spec.particles, setup.clock, first)
+            edges = _on_lattice(span, particles, setup.clock, first)
         moments, flows, ports, drawn = (
             list[Moment](),
             list[Array](),

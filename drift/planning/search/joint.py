@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drift.evidence.filter.detection import laws
-from drift.evidence.filter.records import Unit
+from drift.evidence.filter.records import Sortie, Unit
 from geo.array import Array
 
 NODES = {0: 1, 1: 6, 2: 4, 3: 3}  # nodes per unknown factor, by number of factors; more: 2
@@ -28,7 +28,7 @@ class Find:
     worth: Array  # (m,) of finding it at that time
 
 
-def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
+def nodes(units: Sequence[Unit | Sortie]) -> tuple[Array, Array]:
     """Return sweep width factors at the joint nodes, and the weights of the nodes.
 
     Returns:

@@ -94,7 +94,7 @@ def plan(
 
     def stage(sampled: Tracks, executed: bool) -> Stage:
         """Return the stage of some tracks."""
-        swarm = _swarm(sampled, spec, survival, plane)
+        swarm = swarm_of(sampled, spec, survival, plane)
         return Stage(sampled.m, swarm, sampled.weight, nodes, executed, spec.separation)
 
     making, judging = _split_tracks(tracks)
@@ -307,7 +307,7 @@ def _alone(crews: list[Crew], coarse: Stage, executed: Stage, rng: np.random.Gen
     return alone
 
 
-def _swarm(
+def swarm_of(
     tracks: Tracks, spec: PlanSpec, survival: Sequence[Survival | None], plane: Plane
 ) -> rectangles.Swarm:
     """Return tracks in the kernels' layout: positions on the plane and worth of finding."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drift.apps.serve import answers, form
+from drift.apps.serve import answers, form, form_sources
 from drift.case.template import TEMPLATES, template_text
 from geo.errors import UserError
 
@@ -100,7 +100,7 @@ def test_another_kind_of_start_takes_the_place_of_the_first() -> None:
 def test_a_source_and_its_error(quantity: str) -> None:
     """What is typed has an error, which files take back, as they have defaults; one of the user's
     stays."""
-    direction = form.SOURCES[quantity]
+    direction = form_sources.SOURCES[quantity]
     base = form.new_text(np.datetime64("2026-11-28T11:30"))
     rows = [{"time": f"+{h} h", "speed": "9 kn", direction: 31.5 + h} for h in (0, 7)]
     typed = form.set_fields(base, [{"field": quantity, "value": {"kind": "table", "rows": rows}}])

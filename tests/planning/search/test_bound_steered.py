@@ -37,7 +37,7 @@ def hunted(some: Tracks, speed: float, search: float, width: np.ndarray, count: 
     """
     rng = np.random.default_rng(2)
     time, x, y = placed(some)
-    swarm = optimiser._swarm(some, plans.spec(), [None], record.plane(some))
+    swarm = optimiser.swarm_of(some, plans.spec(), [None], record.plane(some))
 
     def at(i: int, t: float) -> np.ndarray:
         return np.array([np.interp(t, time, v[:, i]) for v in (x, y)])

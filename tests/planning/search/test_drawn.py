@@ -93,7 +93,7 @@ def drifting_square(
     """
     x, y, swarm = (
         *crew.plane.flat(*np.radians(PLACE)),
-        optimiser._swarm(tracks, spec(6), [None], crew.plane),
+        optimiser.swarm_of(tracks, spec(6), [None], crew.plane),
     )
     nodes, now, course, leg = [(0.0, float(x), float(y), 1.0)], 0.0, 0, 0
     ahead = (
@@ -134,7 +134,7 @@ def test_legs_too_close_together_are_not_proposed(
 
     monkeypatch.setattr(optimiser, "_polished", astray)
     crew = crew_of(one, tracks, 4)
-    swarm = optimiser._swarm(tracks, spec(), [None], crew.plane)
+    swarm = optimiser.swarm_of(tracks, spec(), [None], crew.plane)
     stage = candidates.Stage(tracks.m, swarm, tracks.weight, np.ones(1), True, 0.0)
     close, wide = (
         candidates.value(

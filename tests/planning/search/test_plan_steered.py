@@ -136,7 +136,7 @@ def scored(case: Case, tracks: Tracks, name: str) -> tuple[np.ndarray, Sortie]:
     crew: Crew = rectangle.crew(one, can, plane, float(tracks.time[0]), np.ones(1))
     x, y, turn, spacing, aspect, wait = AREAS[name]
     row = np.array([x * NMI, y * NMI, turn, np.log(spacing * NMI), aspect, wait * HOUR, 1.0, -1.0])
-    swarm = optimiser._swarm(tracks, case.plan, [None] * 3, plane)
+    swarm = optimiser.swarm_of(tracks, case.plan, [None] * 3, plane)
     stage = Stage(tracks.m, swarm, tracks.weight, np.ones(1), True, 0.0)
     choice = candidates.choose(crew, row, stage)
     assert choice.flown.possible[0]

@@ -1,9 +1,12 @@
 // The page: its lists, jobs, buttons and colours. The other modules have the editor, the form and the map.
 import { complaint, lay, leave, opened, save as save_text, say, tab, text } from "./editor.js";
-import { begin, show_areas } from "./form.js";
+import { begin } from "./form.js";
 import { all, ask, button, bytes, file_of, get, guarded, make, span, when } from "./kit.js";
 import { paint } from "./map.js";
 import { by, watch } from "./people.js";
+import { close_plan, open_plan } from "./plan.js";
+import { clear_result, show_result } from "./results.js";
+import * as search from "./search.js";
 
 const own = {
   lists: /** @type {Map<string, string>} */ (new Map()), // as they were told last, by id
@@ -72,9 +75,11 @@ function run_row(run) {
     run.took ? `in ${span(run.took)}` : "",
     run.name,
   ];
+  const mapped = ["forecast", "plan"].includes(run.kind) && run.files.some((one) => one.name === "contours.geojson");
   const files = run.files.map((one) => make("li", {}, file(one.name, one.name), " ", make("small", {}, bytes(one.bytes))));
   return make("li", {},
-    make("p", { class: "name" }, run.report ? file("report.html", title) : title),
+    make("p", { class: "name" }, run.report ? file("report.html", title) : title,
+      ...(mapped ? [" ", button("On the map", () => on_map(run.name), { "aria-label": `${run.name} on the map` })] : [])),
     make("p", { class: "soft" }, facts.filter(Boolean).join(" · ")),
     ...run.warnings.map((line) => make("p", { class: "wrong" }, `Warning: ${line}`)),
     ...(run.kind === "origin" ? [] : note_part(run.name)),
@@ -110,7 +115,10 @@ function note_part(run) {
 function open_text(name, words, digest) {
   own.check = null;
   lay(name, words, digest);
-  begin();
+  close_plan();
+  clear_result();
+  search.begin();
+  return begin();
 }
 
 const open = guarded(async (/** @type {string} */ name) => {
@@ -121,7 +129,7 @@ const open = guarded(async (/** @type {string} */ name) => {
 async function open_saved(name) {
   /** @type {CaseText} */
   const told = await ask(`/api/cases/${encodeURIComponent(name)}`);
-  open_text(told.name, told.text, told.digest);
+  await open_text(told.name, told.text, told.digest);
 }
 
 const copy = guarded(async (/** @type {string} */ name) => {
@@ -217,10 +225,20 @@ function checked(job) {
   }
 }
 
-const show_result = guarded(async (/** @type {string} */ run, /** @type {string} */ key) => {
-  const answer = await fetch(file_of(run, key, "contours.geojson"), { cache: "no-store" });
-  if (!answer.ok) throw new Error(`${run} has no areas`);
-  show_areas(run, await answer.json());
+/**
+ * Show a result on the map: its areas, and of a plan its sub-areas.
+ * @param {string} name
+ */
+const on_map = guarded(async (/** @type {string} */ name) => {
+  /** @type {Folder} */
+  const { runs, cases } = await ask("/api/folder");
+  const run = runs.find((one) => one.name === name);
+  if (!run) throw new Error(`${name} is not in the folder any more`);
+  const its_case = `${name.replace(/-plan(-\d+)?$/, "")}.toml`;
+  if (run.kind === "plan" && opened.name === null && cases.some((one) => one.name === its_case)) await open_saved(its_case);
+  await show_result(run, runs);
+  if (run.kind === "plan") await open_plan(run.name, run.key, run.files.map((one) => one.name));
+  else close_plan();
 });
 
 /**
@@ -271,7 +289,8 @@ function row(job) {
   const { out, key } = job;
   if (job.state === "done" && out && key && !made.link.firstChild) {
     made.link.append(link(file_of(out, key, "report.html"), `Open the report of ${out}`));
-    if (job.kind === "run") made.link.append(" ", button("Areas on the map", () => show_result(out, key)));
+    if (job.kind === "run") made.link.append(" ", button("Areas on the map", () => on_map(out)));
+    if (job.kind === "plan") made.link.append(" ", button("Plan on the map", () => on_map(out)));
   }
   if (job.state === "failed" && !made.wrong.firstChild) made.wrong.append(...mistakes(job).map(complaint));
   return made.item;
@@ -310,6 +329,7 @@ function follow(job) {
     checked(job);
   }
   own.jobs.set(job.number, job);
+  if (ended && job.state === "done" && job.kind === "plan" && job.case === opened.name && job.out) on_map(job.out);
   return ended;
 }
 
@@ -329,6 +349,7 @@ get("theme").addEventListener("click", () => {
   chosen = order[(order.indexOf(chosen) + 1) % 3];
   colour();
 });
+get("first").addEventListener("click", clear_result);
 get("save").addEventListener("click", save);
 for (const one of all("button[data-kind]")) one.addEventListener("click", () => start(one.dataset.kind ?? ""));
 document.addEventListener("keydown", (event) => {

@@ -15,6 +15,9 @@ const own = {
   sketched: "", // the text of the first map that is shown
   sketching: /** @type {object | null} */ (null),
   draft: /** @type {Set<SourceName>} */ (new Set()), // sources that are being typed
+  messages: /** @type {Message[]} */ ([]),
+  told: /** @type {((at: Point) => void) | null} */ (null), // takes the place that is clicked
+  followers: /** @type {(() => Promise<void>)[]} */ ([]),
 };
 /** @type {DriftObject[]} */
 let objects = [];
@@ -79,10 +82,20 @@ const refresh = guarded(async () => {
   if (mine !== own.asked) return;
   own.form = found;
   fill(found);
+  for (const follower of own.followers) await follower();
+  if (mine !== own.asked) return;
   /** @type {{messages: Message[]}} */
   const told = await ask("/api/check", { text: words, name: opened.name });
   if (mine === own.asked) complain(told.messages);
 });
+
+/**
+ * Call something whenever the text has changed and can be read.
+ * @param {() => Promise<void>} follower
+ */
+export function follow(follower) {
+  own.followers.push(follower);
+}
 
 /** @param {Form} form */
 function fill({ fields, unknown, scenarios }) {
@@ -175,6 +188,7 @@ function show_known(which) {
  * @param {Message[]} messages
  */
 function complain(messages) {
+  own.messages = messages;
   for (const old of all("#form .beside")) old.remove();
   for (const element of all("#form [aria-invalid]")) {
     element.removeAttribute("aria-invalid");
@@ -184,8 +198,11 @@ function complain(messages) {
   const others = [];
   messages.forEach(({ message, field, line }, k) => {
     const source = sources.SOURCES.find((one) => one === field);
-    const element = source ? sources.kind_of(source) : FIELDS.find((one) => name_of(one) === field && !one.closest("[hidden]"));
-    const at = element?.closest("p");
+    const inputs = [...FIELDS, ...all("#form [data-own], #form [data-row] > summary")];
+    /** @param {HTMLElement} one */
+    const is_its = (one) => [name_of(one), one.dataset.own, one.parentElement?.dataset.row].includes(field ?? "no field");
+    const element = source ? sources.kind_of(source) : inputs.find((one) => is_its(one) && !one.closest("[hidden]"));
+    const at = element?.closest("p, summary");
     if (!element || !at) {
       others.push(complaint(line ? `${message} (line ${line})` : message));
       return;
@@ -193,6 +210,7 @@ function complain(messages) {
     const id = `message-${k}`;
     element.setAttribute("aria-invalid", "true");
     element.setAttribute("aria-describedby", id);
+    element.closest("details")?.setAttribute("open", "");
     at.after(make("p", { class: "wrong beside", id }, message.replace(/^(scenario "[^"]*"|\w+ "[^"]*")[\w. ]*: /, "")));
   });
   get("messages").replaceChildren(...others);
@@ -215,11 +233,30 @@ function set(field, value) {
     also("scenario.*.trackline.speed", "6 kn");
     also("scenario.*.trackline.cross_track", "1 nmi");
   }
+  return change(changes);
+}
+
+/**
+ * Change fields of the text.
+ * @param {Change[]} changes
+ */
+export function change(changes) {
+  return work_on_text(changes[0].field, async () => {
+    /** @type {{text: string}} */
+    const told = await ask("/api/form/set", { text: text.value, changes });
+    return told.text;
+  });
+}
+
+/**
+ * Take over a new text of the case, after all changes before it.
+ * @param {string | null} field that a mistake is about
+ * @param {() => Promise<string>} work returns the text
+ */
+export function work_on_text(field, work) {
   own.turn = own.turn.then(guarded(async () => {
     try {
-      /** @type {{text: string}} */
-      const told = await ask("/api/form/set", { text: text.value, changes });
-      write(told.text);
+      write(await work());
     } catch (error) {
       if (!(error instanceof Rejected) || ![400, 422].includes(error.status)) throw error;
       complain([{ message: error.message, field, line: null }]);
@@ -265,12 +302,28 @@ text.addEventListener("input", () => {
 /** @param {string} which what a click on the map gives: position, trackline or area; "": nothing */
 function pick(which) {
   own.picking = own.picking === which ? "" : which;
+  if (!own.picking) own.told = null;
   for (const one of all("[data-pick]")) one.setAttribute("aria-pressed", String(one.dataset.pick === own.picking));
-  sea.pick(own.picking ? take : null);
+  sea.pick(own.picking ? own.told ?? take : null);
+}
+
+/**
+ * Have the user click a place for a field, or several until the button is pressed again.
+ * @param {string} field
+ * @param {(at: string) => void} told
+ * @param {boolean} several
+ */
+export function pick_for(field, told, several) {
+  own.told = (at) => {
+    if (!several) pick("");
+    told(spelled(at));
+  };
+  pick(field);
+  if (own.picking) get("map").focus({ preventScroll: false });
 }
 
 /** @param {Point} at */
-const spelled = (at) => position(at).replaceAll("-", " ");
+export const spelled = (at) => position(at).replaceAll("-", " ");
 
 /** @param {Point} at where the user has clicked */
 function take(at) {
@@ -288,6 +341,7 @@ function take(at) {
 
 for (const one of all("[data-pick]")) {
   one.addEventListener("click", () => {
+    own.told = null;
     pick(one.dataset.pick ?? "");
     if (own.picking) get("map").focus({ preventScroll: false });
   });
@@ -331,13 +385,14 @@ get("first").addEventListener("click", guarded(async () => {
  * Show the areas of a result.
  * @param {string} title
  * @param {Areas} areas
+ * @param {Partial<Shown>} [more]
  */
-export function show_areas(title, areas) {
+export function show_areas(title, areas, more = {}) {
   own.sketched = "";
   get("headline").classList.remove("old");
   get("headline").textContent = `Areas of ${title}`;
   get("warned").replaceChildren();
-  sea.show({ areas });
+  sea.show({ areas, ...more });
 }
 
 /** Fill the form from a text that was just opened in the editor. */
@@ -353,6 +408,8 @@ export const begin = guarded(async () => {
   await sources.list_files();
   await refresh();
 });
+
+for (const one of all("[data-tab]")) one.addEventListener("click", () => complain(own.messages)); // beside what is shown now
 
 guarded(async () => {
   /** @type {{objects: DriftObject[]}} */

@@ -49,12 +49,23 @@ export const shown = {
   playing: false,
 };
 
+/** @type {(() => void)[]} */
+const followers = [];
+
+/**
+ * Call something whenever another time is shown, or nothing any more.
+ * @param {() => void} follower
+ */
+export function follow(follower) {
+  followers.push(follower);
+}
+
 /** Draw the map again in the colours of the page. */
 export function paint() {
   const stroke = new ol.style.Stroke({ color: css("--shore"), width: 0.8 });
   the_land.setStyle(new ol.style.Style({ fill: new ol.style.Fill({ color: css("--land") }), stroke }));
   grid.paint({ line: tinted(css("--grid"), 0.6), ink: css("--ink"), halo: css("--halo") });
-  for (const one of [the_given, the_particles, the_likely]) one.changed();
+  for (const one of chart.getLayers().getArray()) one.changed();
   if (shown.areas) move(shown.index);
 }
 
@@ -91,7 +102,7 @@ const spot = ([lon, lat]) => new ol.geom.Point(map.forward([near(lon, 0), lat]))
  * @param {number[]} at
  * @returns {Point}
  */
-function inverse(at) {
+export function inverse(at) {
   const [lon, lat] = map.inverse(at);
   return [near(lon, 0), lat];
 }
@@ -141,6 +152,9 @@ try {
   view.setCenter(map.forward([lon, lat]));
   view.setResolution(resolution);
 } catch { /* the first time */ }
+
+/** Return the middle of the map [deg]. */
+export const middle = () => inverse(middle_of_view());
 
 function middle_of_view() {
   return view.getCenter() ?? [0, 0];
@@ -258,9 +272,20 @@ target.addEventListener("keydown", (event) => {
   target.classList.add("aimed");
   picked(inverse(middle_of_view()));
 });
-chart.on("pointermove", (event) => {
-  if (!event.dragging) get("readout").textContent = position(map.inverse(event.coordinate));
-});
+/** Whether the next click gives a place. */
+export const picking = () => Boolean(picked);
+
+/**
+ * Return the smallest area that is shown and holds a place, as its share; null: none.
+ * @param {Point} at
+ */
+export function level_at([lon, lat]) {
+  const held = (shown.areas?.every ?? []).filter((feature) => {
+    if (feature.get("there") === "gone") return false;
+    return [-360, 0, 360].some((turn) => feature.getGeometry()?.intersectsCoordinate(map.forward([lon + turn, lat])));
+  });
+  return held.length ? Math.min(...held.map((feature) => Number(feature.get("level")))) : null;
+}
 
 // --- a first map or a result, by time ------------------------------------------------------------------------------------
 /** @returns {BaseLayer[]} */
@@ -276,6 +301,7 @@ export function clear() {
   likely.clear(true);
   get("time").hidden = true;
   play(false);
+  for (const follower of followers) follower();
 }
 
 /**
@@ -321,6 +347,16 @@ function move(index) {
   particles.addFeatures(particles_at(told, k));
   const best = told.likely?.[k];
   if (best) likely.addFeature(new ol.Feature(spot(best)));
+  for (const follower of followers) follower();
+}
+
+/**
+ * Show the output nearest to a time.
+ * @param {number} time [s since 1970]
+ */
+export function go_to_time(time) {
+  const off = shown.times.map((one) => Math.abs(one - time));
+  if (off.length) move(off.indexOf(Math.min(...off)));
 }
 
 /**

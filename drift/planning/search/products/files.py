@@ -201,7 +201,7 @@ def _where(tasking: Tasking) -> dict[str, str]:
     """Return the search of a sortie: a pattern, waypoints, or an area with its spacing."""
     sortie = tasking.sortie
     shape = {
-        "centre": _quoted(_navigators_position(*tasking.centre)),
+        "centre": _quoted(navigators_position(*tasking.centre)),
         "length": _quoted(f"{tasking.length / NMI:.9g} nmi"),
         "width": _quoted(f"{tasking.width / NMI:.9g} nmi"),
         "orientation": f"{math.degrees(tasking.orientation) % 360:.9g}",
@@ -217,13 +217,13 @@ def _where(tasking: Tasking) -> dict[str, str]:
     if _is_parallel(tasking):
         spacing, corner = (
             f"{tasking.spacing / NMI:.9g} nmi",
-            _navigators_position(*subareas.begin(tasking)),
+            navigators_position(*subareas.begin(tasking)),
         )
         shape |= {"spacing": _quoted(spacing), "corner": _quoted(corner)}
         return {"pattern": _inline({"kind": '"parallel"', **shape})}
     legs = sortie.legs
     rows = [
-        f"[{_quoted(notation.iso(np.datetime64(round(t), 's')))}, {_quoted(_navigators_position(x, y))}]"
+        f"[{_quoted(notation.iso(np.datetime64(round(t), 's')))}, {_quoted(navigators_position(x, y))}]"
         for t, x, y in zip(legs.time, legs.lon, legs.lat, strict=True)
     ]
     searched = {"waypoints": "[\n  " + ",\n  ".join(rows) + ",\n]"}
@@ -290,7 +290,7 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _navigators_position(lon: float, lat: float) -> str:
+def navigators_position(lon: float, lat: float) -> str:
     """Return a position in degrees and minutes to 0.2 m: 27 30.5000N 088 15.0000W."""
     lon = sphere.wrap_degrees(lon)
     return (

@@ -25,6 +25,12 @@ declare global {
     slider: HTMLInputElement;
     object: HTMLSelectElement;
     scenario: HTMLSelectElement;
+    story: HTMLSelectElement;
+    since: HTMLInputElement;
+    "search-object": HTMLSelectElement;
+    "new-sortie": HTMLSelectElement;
+    "new-contact": HTMLSelectElement;
+    "new-track": HTMLInputElement;
   }
   type ElementOf<Id extends string> = Id extends keyof Elements ? Elements[Id] : HTMLElement;
 
@@ -52,13 +58,46 @@ declare global {
   interface Message { message: string; field: string | null; line: number | null }
   interface DriftObject { name: string; description: string; level: number; words: string[] }
   interface Coast { features: { geometry: { coordinates: Point[][] } }[] }
-  interface Areas { features: { properties: { time: string }; geometry: { coordinates: Point[][][] } }[] }
+  interface Areas { features: { properties: { time: string; level?: number }; geometry: { coordinates: Point[][][] } }[] }
   interface Shown {
     areas: Areas; times?: string[]; opens?: string | null; likely?: (Point | null)[]; looks?: string[];
     particles?: { lon: number[][]; lat: number[][]; status: number[][] };
   }
   interface Sketch extends Shown { title: string; words: string; warnings: string[]; statuses: string[] }
   interface Place { at?: Point; error?: number; line?: Point[]; polygon?: Point[] } // [deg], [m]
+
+  // --- the step "Search", plans and results ---
+  type Value = string | number | boolean | string[] | null;
+  interface Table { [key: string]: Value | Record<string, Value> }
+  interface Change { field: string; value: FieldValue | Value | Table }
+  type Values = Record<string, Value>;
+  interface Row { values: Values; in_text: string[] }
+  type Listed3 = "sortie" | "contact" | "unit";
+  interface Searched {
+    outline: Point[] | null; legs: { searching: boolean; points: Point[] }[]; start: string; end: string; period: string;
+    track_nmi: number; legs_number: number; pod: number | null;
+  }
+  interface Searches {
+    rows: Record<Listed3, Row[]>; plan: Row; search_objects: string[];
+    shapes: { sortie: Record<string, Searched>; contact: Record<string, { shape: "point" | "region" | "line"; points: Point[] }[]> };
+  }
+  interface FieldSpec {
+    key: string; label: string; kind?: "place" | "places" | "degrees" | "number" | "choice" | "tick" | "file"; size?: number; hint?: string;
+    choices?: [value: string, words: string][]; otherwise?: boolean;
+  }
+  interface PatternSpec { label: string; fields: FieldSpec[] }
+  interface ListSpec { fields(values: Values): FieldSpec[]; kind(values: Values): string; labels: Record<string, PatternSpec>; empty: string }
+  type FieldInput = HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement;
+  interface RowTools {
+    set(changes: Change[]): Promise<unknown>; pick(field: string, told: (at: string) => void, several: boolean): void; files(): string[];
+  }
+  interface Move { at: Point; turned: number } // [deg]
+  interface PlannedArea extends Searched {
+    name: string; unit: string; centre: Point; orientation: number; length_nmi: number; width_nmi: number; place: string; notes: string[]; pos: number;
+  }
+  interface Planned { run: string; areas: PlannedArea[]; total: number; objective: string; bound: number | null; warnings: string[] }
+  interface MovedPlan { run: string; areas: (PlannedArea & { as_planned: number })[]; total: number; as_planned: number; took_ms: number }
+  interface ResultOf { times: string[]; scenarios: { name: string; probability: number[] }[]; areas: Areas }
 
   // --- scripts of report.html ---
   type Theme = "light" | "dark";
@@ -72,7 +111,7 @@ declare global {
     forward(at: Point): number[];
     inverse(at: number[]): Point;
   }
-  interface Look { theme: Theme; size?: number; opaque?: number; label?: string }
+  interface Look { theme: Theme; size?: number; opaque?: number; label?: string; strong?: boolean }
   interface Leaf { layer: BaseLayerOf; nameplates: BaseLayerOf | null; every: FeatureOf[]; update(now: { time: number; theme: Theme }): void }
   const R: number, RAD: number, NMI: number;
   function near(lon: number, middle: number): number;
@@ -99,7 +138,7 @@ declare global {
       Point: typeof import("ol/geom/Point").default;
       Polygon: typeof import("ol/geom/Polygon").default;
     };
-    interaction: { Translate: typeof import("ol/interaction/Translate").default };
+    interaction: { Pointer: typeof import("ol/interaction/Pointer").default; Translate: typeof import("ol/interaction/Translate").default };
     layer: { Vector: typeof import("ol/layer/Vector").default };
     source: { Vector: typeof import("ol/source/Vector").default };
     style: {

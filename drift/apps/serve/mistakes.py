@@ -1,0 +1,73 @@
+"""Mistakes of a case, each with its line in the text and the field of the form that it is about."""
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from drift.apps.serve import form, form_sources, search_fields
+from drift.case.values import messages
+from geo.errors import UserError
+
+HEADER = re.compile(r"\s*\[(\[?)\s*([\w.\"' -]+?)\s*\]?\]\s*(#.*)?$")
+KEY = re.compile(r"\s*([\w.\"'-]+(?:\s*\.\s*[\w\"'-]+)*)\s*=")
+# what a message about a whole scenario asks for, and the field for it
+MISSING = {": object is missing": "object", "exactly one of position": "position.at"}
+LINE = re.compile(r"\(?at line (\d+), column \d+\)?")
+
+
+def message_of(line: str, text: str) -> dict[str, Any]:
+    """Return a mistake with the line of the text and the field of the form that it is about."""
+    if found := LINE.search(line):
+        return {"message": line, "line": int(found[1]), "field": None}
+    try:
+        data = form.parse_text(text)
+    except UserError:
+        return {"message": line, "line": None, "field": None}
+    number = len(data["scenario"]) if isinstance(data.get("scenario"), list) else 0
+    names = [*form.names_of_fields(number), *search_fields.names_of(data)]
+    fields = {messages.where(search_fields.place_of(name), data): name for name in names}
+    # the tables that fields are in, such as a scenario or its position
+    for name in list(fields.values()):
+        place = search_fields.place_of(name)
+        for size in range(len(place) - 1, 0, -1):
+            fields.setdefault(messages.where(place[:size], data), ".".join(map(str, place[:size])))
+    for quantity in form_sources.SOURCES:
+        for k, _ in enumerate(data.get(quantity) or [()]):
+            fields[messages.where((quantity, k), data)] = quantity
+    places = {messages.where(place, data): k for place, k in _lines_of_places(text)}
+    field = fields.get(_longest(line, fields))
+    return {
+        "message": line,
+        "line": places.get(_longest(line, places)),
+        "field": next((f"{field}.{own}" for words, own in MISSING.items() if words in line), field),
+    }
+
+
+def _longest(line: str, places: Mapping[str, Any]) -> str:
+    """Return the longest place that a message begins with."""
+    begun = (
+        one for one in places if line.startswith(one) and line[len(one) : len(one) + 1] in ":. "
+    )
+    return max(begun, key=len, default="")
+
+
+def _lines_of_places(text: str) -> Iterator[tuple[search_fields.Place, int]]:
+    """Yield the keys and list indices of tables and keys, each with its line from 1.
+
+    Lines inside texts of several lines may be taken for keys, as only messages depend on it.
+    """
+    counts: dict[str, int] = {}
+    above: search_fields.Place = ()
+    for k, line in enumerate(text.split("\n"), 1):
+        if header := HEADER.match(line):
+            names = [part.strip(" \"'") for part in header[2].split(".")]
+            dotted = ".".join(names)
+            if header[1]:
+                counts[dotted] = counts.get(dotted, -1) + 1
+            above = ()
+            for size, name in enumerate(names, 1):
+                number = counts.get(".".join(names[:size]))
+                above += (name,) if number is None else (name, number)
+            yield above, k
+        elif key := KEY.match(line):
+            yield (*above, *(part.strip(" \"'") for part in key[1].split("."))), k

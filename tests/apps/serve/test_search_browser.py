@@ -1,0 +1,216 @@
+"""The story of a search in a real browser, from the call to a tasking, without a line of TOML."""
+
+import json
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from desks import Server, until
+
+pytestmark = pytest.mark.browser
+
+PATIENCE = 180_000  # [ms] on a busy machine
+SIZES = {"desktop": {"width": 1600, "height": 1000}, "phone": {"width": 390, "height": 844}}
+GPX = '<gpx version="1.1"><trk><trkseg>{}</trkseg></trk></gpx>'
+TRACK = GPX.format(
+    "".join(
+        f'<trkpt lat="{lat}" lon="{lon}"><time>2026-11-28T{time}Z</time></trkpt>'
+        for lat, lon, time in (
+            (49.93, -5.62, "14:40:00"),
+            (49.93, -5.52, "15:00:00"),
+            (49.95, -5.52, "15:06:00"),
+            (49.95, -5.62, "15:26:00"),
+        )
+    )
+)
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Server]:
+    folder = tmp_path / "cases"
+    folder.mkdir()
+    with Server(folder.resolve()) as one:
+        yield one
+
+
+class Page:
+    """A page of the desk, and what the browser complains of."""
+
+    def __init__(self, browser: Any, served: Server, size: str, **options: Any) -> None:
+        self.context = browser.new_context(viewport=SIZES[size], **options)
+        self.page = self.context.new_page()
+        self.complaints: list[str] = []
+        self.outside: list[str] = []
+        self.page.on("console", self._hear)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda asked: self._see(asked.url, served.host))
+        self.page.goto(f"http://{served.host}/?token={served.secret.token}")
+
+    def _hear(self, told: Any) -> None:
+        if told.type == "error":
+            self.complaints.append(told.text)
+
+    def _see(self, url: str, host: str) -> None:
+        if not url.startswith((f"http://{host}/", "data:", "blob:")):
+            self.outside.append(url)
+
+    def press(self, name: str, exact: bool = True) -> None:
+        self.page.get_by_role("button", name=name, exact=exact).click()
+
+    def fill(self, field: str, value: str) -> None:
+        """Type into a field of the search, and wait until the text has it."""
+        self.page.locator(f'[data-own="{field}"]').fill(value)
+        self.page.keyboard.press("Tab")
+        *keys, last = [int(one) if one.isdecimal() else one for one in field.split(".")]
+
+        def has_it() -> bool:
+            found = self.tables()
+            for key in keys:
+                if key not in (found if isinstance(found, dict) else range(len(found))):
+                    return False
+                found = found[key]
+            return str(found.get(last)) == value
+
+        until(has_it, 60)
+
+    def tables(self) -> Any:
+        return tomllib.loads(self.page.locator("#text").input_value())
+
+
+CALL = """\
+title = "Kayak overdue"
+start = "281130ZNOV26"
+duration = "16 h"
+particles = 2000
+output.every = "4 h"
+
+[[wind]]
+name = "on scene"
+constant = { speed = "12 kn", from = 235 }
+
+[[current]]
+name = "on scene"
+constant = { speed = "0.5 kn", toward = 75 }
+
+[[scenario]]
+name = "kayak"
+object = "PERSON-POWERED-VESSEL-1"
+position = { at = "49 55.0N 005 40.0W", error = "1 nmi" }
+"""
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_from_the_call_to_a_tasking(browser: Any, served: Server, size: str) -> None:
+    """First map, run, a sortie, a find, a unit, a plan; a sub-area is moved and kept.
+
+    The call itself is in test_form_browser.
+    """
+    (served.folder / "kayak.toml").write_text(CALL, encoding="utf-8")
+    desk = Page(browser, served, size)
+    page = desk.page
+    desk.press("kayak.toml")
+    desk.press("First map")
+    page.get_by_text("First map, of few particles").wait_for(timeout=PATIENCE)
+    desk.press("Run the forecast")
+    page.get_by_role("link", name=re.compile("Open the report of kayak-forecast")).wait_for(
+        timeout=PATIENCE
+    )
+    desk.press("Search")
+    # a sortie: its kind, its middle by a click, its spacing
+    page.get_by_label("One more").first.select_option("creeping")
+    desk.press("Add a sortie")
+    until(lambda: desk.tables().get("sortie"), 60)
+    page.locator('[data-own="sortie.0.pattern.centre"]').wait_for(timeout=PATIENCE)
+    before = desk.tables()["sortie"][0]["pattern"]["centre"]
+    desk.press("Middle: click on the map")
+    page.locator("#map").click(position={"x": 150, "y": 200})
+    until(lambda: desk.tables()["sortie"][0]["pattern"]["centre"] != before, 60)
+    desk.fill("sortie.0.pattern.centre", "49 57N 005 34W")
+    desk.fill("sortie.0.pattern.spacing", "0.5 nmi")
+    desk.fill("sortie.0.start", "+4 h")
+    # 6 by 3 nmi at 0.5 nmi: 12 legs of 2.5 nmi, 11 cross legs of 0.5 nmi
+    page.get_by_text("35.5 nmi in 23 legs").wait_for(timeout=PATIENCE)
+    desk.fill("sortie.0.speed", "14 furlong")
+    wrong = page.locator("p.beside")
+    wrong.get_by_text("furlong").wait_for(timeout=PATIENCE)
+    assert page.locator('[data-own="sortie.0.speed"]').get_attribute("aria-invalid") == "true"
+    desk.fill("sortie.0.speed", "14 kn")
+    # a track that was made good, as a file
+    page.locator("#new-track").set_input_files(
+        {"name": "lifeboat.gpx", "mimeType": "application/gpx+xml", "buffer": TRACK.encode()}
+    )
+    until(lambda: len(desk.tables().get("sortie", [])) == 2, 60)
+    assert (served.folder / "lifeboat.gpx").read_text() == TRACK
+    assert desk.tables()["sortie"][1]["track"] == "lifeboat.gpx"
+    desk.fill("sortie.1.start", "281430ZNOV26")
+    # a unit, and the time of the plan
+    desk.press("Add a unit")
+    until(lambda: desk.tables().get("unit"), 60)
+    desk.fill("unit.0.base", "50 06N 005 32W")
+    desk.fill("plan.begin", "+8 h")
+    desk.fill("plan.until", "+15 h")
+    page.wait_for_function("!document.querySelector('#form .wrong:not([hidden]):not(:empty)')")
+    desk.press("Plan the next search")
+    moved = page.get_by_role("button", name="Move A-1")
+    moved.wait_for(timeout=PATIENCE)
+    page.locator("#plan-said").get_by_text("Drag a sub-area").wait_for(timeout=PATIENCE)
+    stated = json.loads((served.folder / "kayak-plan" / "plan.json").read_text())
+    assert f"{100 * stated['pos']:.1f} %" in page.locator("#plan-total").inner_text()
+    moved.focus()
+    for key in ("Shift+ArrowRight", "Shift+ArrowRight", "]", "]"):
+        page.keyboard.press(key)
+    page.locator("#plan-now").get_by_text("As moved").wait_for(timeout=PATIENCE)
+    page.locator('[data-pos="A-1"]').get_by_text("as moved").wait_for(timeout=PATIENCE)
+    page.wait_for_timeout(500)
+    assert int(page.locator("#plan-said").get_attribute("data-ms") or "9999") < 500
+    by_keys = page.locator("#plan-now").inner_text()
+    # by the mouse: the area goes where it is dragged
+    page.locator("#map").evaluate("map => map.scrollIntoView()")  # on a phone it is above
+    box = page.locator("#map").bounding_box()
+    x, y = page.evaluate(MIDDLE_OF_AREA)
+    page.mouse.move(box["x"] + x, box["y"] + y)
+    page.mouse.down()
+    page.mouse.move(box["x"] + x - 20, box["y"] + y + 30, steps=4)
+    page.mouse.up()
+    until(lambda: page.locator("#plan-now").inner_text() != by_keys, 60)
+    page.wait_for_timeout(500)
+    desk.press("Keep A-1 as a sortie")
+    until(lambda: len(desk.tables()["sortie"]) == 3, 60)
+    kept = desk.tables()["sortie"][2]
+    assert kept["name"] == "A-1 unit, moved by hand"
+    row = stated["taskings"][0]
+    turned = kept["pattern"]["orientation"] - row["orientation_deg"]
+    assert abs((turned - 10 + 180) % 360 - 180) < 1e-3
+    assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[size]["width"]
+    assert page.get_by_role("link", name="sheet A-1").get_attribute("href")
+    assert desk.complaints == []
+    assert desk.outside == []
+    desk.context.close()
+    _check_access(browser, served, size)
+
+
+MIDDLE_OF_AREA = """async () => {
+  const { chart } = await import("/assets/map.js");
+  const features = chart.getLayers().getArray().flatMap((one) => one.getSource().getFeatures());
+  const area = features.find((one) => one.get("area") === "A-1" && one.get("look") === "planned");
+  return chart.getPixelFromCoordinate(area.getGeometry().getInteriorPoint().getCoordinates());
+}"""
+
+
+def _check_access(browser: Any, served: Server, size: str) -> None:
+    """A plan of the list opens its case; with all rows open axe knows of no violation."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    desk = Page(browser, served, size, bypass_csp=True)
+    page = desk.page
+    desk.press("kayak-plan on the map")
+    page.locator("#plan-said").get_by_text("Drag a sub-area").wait_for(timeout=PATIENCE)
+    assert [row["name"] for row in desk.tables()["sortie"]] == ["search", "lifeboat"]
+    for summary in page.locator("#form summary").all():
+        summary.click()
+    violations = Axe().run(page).response["violations"]
+    assert [(one["id"], [node["html"] for node in one["nodes"]][:3]) for one in violations] == []
+    desk.context.close()
