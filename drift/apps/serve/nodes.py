@@ -1,4 +1,4 @@
-"""Tables of a document of tomlkit and plain tables alike: both get each change of a form."""
+"""A form changes the text of a case (tomlkit) and its plain tables in the same way."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -136,7 +136,7 @@ def test_what_one_does_the_others_learn(running: Server) -> None:
     assert news(PRESS, last)["entries"][0]["user"] == ""
     assert news(BEN, entry["number"])["entries"] == []
     assert (news(BEN, 0)["you"], news(PRESS, 0)["guest"]) == ("BEN", True)
-    # both have read it: the second one to save is told, and the first one's text stays
+    # both have read it: the second one to save gets an error, and the text of the first stays
     for user, text, expected_status in ((BEN, "title = 'b'", 200), (ANNA, "title = 'a'", 409)):
         body = {"text": text, "digest": digest}
         status = running.ask("POST", "/api/cases/new.toml", body, **bearer(user))[0]

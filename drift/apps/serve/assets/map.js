@@ -256,7 +256,7 @@ export function look_at(points) {
 let picked = /** @type {((at: Point) => void) | null} */ (null);
 
 /**
- * Give places that the user clicks to somebody, or to nobody.
+ * Pass the places that the user clicks to a function, or stop passing them (null).
  * @param {((at: Point) => void) | null} told
  */
 export function pick(told) {
