@@ -21,6 +21,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [
+    str(ROOT / "tests" / "oracles"),
     str(ROOT / "tests" / "oracles" / "files"),
     str(ROOT / "tests" / "geo" / "files"),
     str(ROOT),

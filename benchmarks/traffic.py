@@ -64,13 +64,21 @@ class _Zero(ast.NodeTransformer):
 
 
 class _Walk(ast.NodeVisitor):
-    """A walk through one function; packs: names of its parameters that hold columns."""
+    """A walk through one function.
+
+    packs: names of its parameters that hold columns; given: parameters whose values are known.
+    """
 
     def __init__(
-        self, found: Columns, module: ModuleType, packs: dict[str, str], chosen: int
+        self,
+        found: Columns,
+        module: ModuleType,
+        packs: dict[str, str],
+        chosen: int,
+        given: dict[str, Any],
     ) -> None:
         self._found, self._module, self._packs = found, module, packs
-        self._known = vars(module) | {"features": chosen, "range": range, "bool": bool}
+        self._known = vars(module) | {"features": chosen, "range": range, "bool": bool} | given
         self._chosen = chosen
 
     def _value(self, node: ast.expr) -> Any:
@@ -148,7 +156,12 @@ class _Walk(ast.NodeVisitor):
             called = _function(module, ast.unparse(node.func).rsplit(".", 1)[-1])
             names = [parameter.arg for parameter in called.args.args]
             packs = {name: pack for name, pack in zip(names, given, strict=False) if pack}
-            _walk(self._found, module, called, packs, self._chosen)
+            literals = {
+                name: argument.value
+                for name, argument in zip(names, node.args, strict=False)
+                if isinstance(argument, ast.Constant)
+            }
+            _walk(self._found, module, called, packs, self._chosen, literals)
 
 
 def _static(node: ast.expr) -> bool:
@@ -167,8 +180,9 @@ def _walk(
     function: ast.FunctionDef,
     packs: dict[str, str],
     chosen: int,
+    given: dict[str, Any],
 ) -> None:
-    walk = _Walk(found, module, packs, chosen)
+    walk = _Walk(found, module, packs, chosen, given)
     for each in function.body:
         walk.visit(each)
 
@@ -180,7 +194,7 @@ def columns(chosen: int) -> Columns:
         LookupError: the kernel has other conditions than HOLD names.
     """
     found = Columns()
-    _walk(found, advance, _function(advance, "_advance"), PACKS, chosen)
+    _walk(found, advance, _function(advance, "_advance"), PACKS, chosen, {})
     if found.held != HOLD:
         raise LookupError(
             f"kernels.step.advance has no condition {sorted(HOLD - found.held)}: see HOLD of {__file__}"
