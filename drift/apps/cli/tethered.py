@@ -46,16 +46,16 @@ def main(memory: int | None = None) -> None:
 
 
 def answer(memory: int | None = None) -> None:
-    """Answer requests of the desk on standard input until it closes (`drift.apps.serve.answers`).
+    """Answer requests of the desk on standard input until it closes (see `serve.answers.process`).
 
     memory: limit of the process [bytes].
     """
     if memory is not None:
         child.limit(RLIMIT_DATA=memory)
     enclose()
-    from drift.apps.serve import answers
+    from drift.apps.serve.answers import process
 
-    answers.answer_requests()
+    process.answer_requests()
 
 
 def enclose(cards: bool = False) -> None:

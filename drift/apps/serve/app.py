@@ -25,10 +25,10 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from drift.apps.serve import api, names, shelf
 from drift.apps.serve.api import COUNT, FLAG, NUMBER, TEXT, Operation, many, or_null, record
 from drift.apps.serve.desk_log import DeskLog
-from drift.apps.serve.form_routes import FormRoutes
 from drift.apps.serve.gate import Gate
 from drift.apps.serve.jobs import KINDS, Job, Jobs, Limits
-from drift.apps.serve.search_routes import SearchRoutes
+from drift.apps.serve.routes.form_routes import FormRoutes
+from drift.apps.serve.routes.search_routes import SearchRoutes
 from drift.apps.serve.users import Secret, User
 from drift.apps.serve.webhook import Webhook
 from drift.case import file as case_file

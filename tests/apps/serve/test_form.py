@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drift.apps.serve import answers, form, form_sources
+from drift.apps.serve.answers import process
+from drift.apps.serve.fields import form, form_sources
 from drift.case.template import TEMPLATES, template_text
 from geo.errors import UserError
 
@@ -168,7 +169,7 @@ def test_messages_have_their_field_and_line() -> None:
         'std = "2 nmi" }', 'std = "2 nmi" }\nobject = "PIW-1"'
     )
     text += '[[current]]\nname = "tide"\nconstant = { speed = "1 kn", toward = 75 }\n'
-    check = answers.ANSWERS["check"]
+    check = process.ANSWERS["check"]
     assert check({"path": "/x/a.toml", "text": text}, print) == {"messages": []}
     for old, new, field in (
         ('"24 h"', '"24 parsec"', "duration"),

@@ -10,14 +10,14 @@ import trial_case
 import xarray as xr
 
 import drift
-from drift.apps.serve import answers
+from drift.apps.serve.answers import process
 from geo.errors import UserError
 
 RUN = "two"
 
 
 def ask(do: str, folder: Path, **request: Any) -> Any:
-    return answers.ANSWERS[do]({"folder": str(folder), "run": RUN, **request}, print)
+    return process.ANSWERS[do]({"folder": str(folder), "run": RUN, **request}, print)
 
 
 @pytest.fixture(scope="module")

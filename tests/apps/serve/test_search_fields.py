@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from drift.apps.serve import answers, form, search_fields
+from drift.apps.serve.answers import process
+from drift.apps.serve.fields import form, search_fields
 from geo.errors import UserError
 
 TEXT = """\
@@ -166,7 +167,7 @@ def test_a_plan_that_is_no_table() -> None:
 )
 def test_messages_have_their_field(old: str, new: str, field: str) -> None:
     text = TEXT.replace('sweep_width = { kayak = "0.3 nmi" }', 'sweep_width = "0.3 nmi"')
-    check = answers.ANSWERS["check"]
+    check = process.ANSWERS["check"]
     assert check({"path": "/x/a.toml", "text": text}, print) == {"messages": []}
     told = check({"path": "/x/a.toml", "text": text.replace(old, new)}, print)["messages"]
     assert field in [one["field"] for one in told], told

@@ -13,7 +13,8 @@ import pytest
 from desk_plans import CASE, NMI, PARTICLES, RUN
 
 import drift
-from drift.apps.serve import answers, plan_answers, search_routes
+from drift.apps.serve.answers import plan_answers, process
+from drift.apps.serve.routes import search_routes
 from drift.case import file as case_file
 from drift.case.values import units
 from geo.errors import UserError
@@ -26,7 +27,7 @@ DESCRIBED = {"plan": search_routes.PLAN, "plan/pos": search_routes.MOVED_PLAN}
 
 def ask(do: str, **request: Any) -> Any:
     """Return an answer, which is as the description of the interface says."""
-    told = json.loads(json.dumps(answers.ANSWERS[do](request, lambda phase, share: None)))
+    told = json.loads(json.dumps(process.ANSWERS[do](request, lambda phase, share: None)))
     jsonschema.validate(told, DESCRIBED.get(do, {}))
     return told
 

@@ -17,8 +17,9 @@ import numpy as np
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
-from drift.apps.serve import api, form, names, shelf
+from drift.apps.serve import api, names, shelf
 from drift.apps.serve.api import FLAG, NUMBER, TEXT, Operation, Schema, many, or_null, record
+from drift.apps.serve.fields import form
 from drift.apps.serve.jobs import Limits
 from drift.apps.serve.warm import Overtaken, Warm
 from drift.engine.motion.objects import everyday, leeway

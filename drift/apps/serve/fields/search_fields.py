@@ -1,7 +1,7 @@
 """The fields of the step "Search": sorties, contacts and units of a case, and its plan.
 
 Each is a key of a table, such as "sortie.0.pattern.spacing"; "sortie.2" is a whole table, which is
-added after the last one or removed. As with all fields of a form (`drift.apps.serve.form`), the
+added after the last one or removed. As with all fields of a form (`drift.apps.serve.fields.form`), the
 text stays the truth, and what no field shows is left to it.
 """
 
@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from datetime import date, datetime
 from typing import Any
 
-from drift.apps.serve import nodes
+from drift.apps.serve.fields import nodes
 from drift.case.values import units
 from geo import notation
 from geo.errors import UserError

@@ -10,7 +10,7 @@ from typing import Any
 
 from drift.apps.serve import api, names, shelf
 from drift.apps.serve.api import NUMBER, TEXT, Operation, Schema, many, or_null, record
-from drift.apps.serve.form_routes import (
+from drift.apps.serve.routes.form_routes import (
     GEOJSON,
     POINT,
     FormRoutes,

@@ -17,7 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from drift.apps.serve import form, search_answers, shelf
+from drift.apps.serve import shelf
+from drift.apps.serve.answers import search_answers
+from drift.apps.serve.fields import form
 from drift.case import file as case_file
 from drift.case.record import Case
 from drift.pipeline import run_options

@@ -16,7 +16,7 @@ import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from drift.apps.serve import form_sources, nodes, search_fields
+from drift.apps.serve.fields import form_sources, nodes, search_fields
 from drift.case.values import fields as case_fields
 from drift.case.values import units
 from geo import notation

@@ -19,14 +19,13 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drift.apps.serve import (
-    form,
-    mistakes,
+from drift.apps.serve.answers import (
     note_answers,
     plan_answers,
     result_answers,
     search_answers,
 )
+from drift.apps.serve.fields import form, mistakes
 from drift.case import file as case_file
 from geo import notation, sphere
 from geo.box import Box

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from drift.apps.serve import form, form_sources, search_fields
+from drift.apps.serve.fields import form, form_sources, search_fields
 from drift.case.values import messages
 from geo.errors import UserError
 

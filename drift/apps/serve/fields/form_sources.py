@@ -5,7 +5,7 @@ from typing import Any
 
 import tomlkit
 
-from drift.apps.serve import nodes, search_fields
+from drift.apps.serve.fields import nodes, search_fields
 from geo.errors import UserError
 
 SOURCES = {"wind": "from", "current": "toward"}  # and the key of their direction

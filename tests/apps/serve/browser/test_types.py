@@ -10,7 +10,7 @@ import pytest
 
 pytestmark = pytest.mark.browser
 
-PROJECT = Path(__file__).parent / "types"
+PROJECT = Path(__file__).parents[1] / "types"
 
 
 @pytest.fixture

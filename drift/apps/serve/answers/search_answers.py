@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from drift.apps.serve import form, mistakes, search_fields
+from drift.apps.serve.fields import form, mistakes, search_fields
 from drift.case import file as case_file
 from drift.case.record import Case
 from drift.evidence.filter import shapes
