@@ -21,6 +21,7 @@ from places import DATA
 
 TESTS = Path(__file__).parent
 SMALL_MAPS = (
+    "apps/export",
     "apps/cli",
     "assess/experiment",
     "engine/environment",
@@ -38,7 +39,6 @@ SMALL_MAPS = (
 
 LAID_OUT = {
     "apps/check",
-    "apps/export",
     "apps/sensor",
     "assess/budget",
     "assess/compare",
