@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,6 @@ from places import DATA
 
 TESTS = Path(__file__).parent
 SMALL_MAPS = (
-    "apps/export",
     "apps/cli",
     "assess/experiment",
     "engine/environment",
@@ -39,6 +39,7 @@ SMALL_MAPS = (
 
 LAID_OUT = {
     "apps/check",
+    "apps/export",
     "apps/sensor",
     "assess/budget",
     "assess/compare",
@@ -168,17 +169,23 @@ def same_numbers_in_any_order(
         generator.bit_generator.state = state
 
 
+@contextmanager
+def _coarse() -> Iterator[None]:
+    from drift.forecast import build  # not before a test asks for it
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "ACROSS", 120)
+        patch.setattr(build, "ACROSS_ONE", 240)
+        yield
+
+
 @pytest.fixture(scope="module")
 def coarse_maps() -> Iterator[None]:
     """Make maps of a tenth of the cells, in the same way: for tests that read no number off a map.
 
     Maps are most of the time of a small run.
     """
-    from drift.forecast import build  # not before a test asks for it
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "ACROSS", 120)
-        patch.setattr(build, "ACROSS_ONE", 240)
+    with _coarse():
         yield
 
 
@@ -202,6 +209,31 @@ def _lay_out(
     Image.new("L", (1, 1), 255).save(path, "png", pnginfo=texts)
 
 
+@contextmanager
+def _laid_out() -> Iterator[Callable[..., None]]:
+    # not for tests that draw nothing: Matplotlib takes long to import
+    from drift.products.maps import page
+
+    with pytest.MonkeyPatch.context() as patch:
+        paint = page.save
+        patch.setattr(page, "save", _lay_out)
+        yield paint
+
+
+@pytest.fixture(scope="session")
+def small() -> Callable[[], AbstractContextManager[None]]:
+    """What a run of a whole session, which begins before the fixtures of its module, is made in:
+    small maps, and pictures that are laid out.
+    """
+
+    @contextmanager
+    def both() -> Iterator[None]:
+        with _coarse(), _laid_out():
+            yield
+
+    return both
+
+
 @pytest.fixture(scope="module", autouse=True)
 def pictures_laid_out(request: pytest.FixtureRequest) -> Iterator[Callable[..., None] | None]:
     """Lay out the pictures of runs, and paint none, in modules of LAID_OUT that look at none.
@@ -216,12 +248,7 @@ def pictures_laid_out(request: pytest.FixtureRequest) -> Iterator[Callable[..., 
     if paints or not any(folder.is_relative_to(one) for one in LAID_OUT):
         yield None
         return
-    # not for tests that draw nothing: Matplotlib takes long to import
-    from drift.products.maps import page
-
-    with pytest.MonkeyPatch.context() as patch:
-        paint = page.save
-        patch.setattr(page, "save", _lay_out)
+    with _laid_out() as paint:
         yield paint
 
 
