@@ -55,6 +55,7 @@ LAID_OUT = {
 # first, so that one worker runs most of them: two would compile each kernel twice.
 MANY_KERNELS = (
     "engine/motion/steering",
+    "kernels/steering",
     "evidence/filter",
     "engine",
     "pipeline",
@@ -65,6 +66,7 @@ MANY_KERNELS = (
     "assess",
     "apps/export",
     "apps/track",
+    "tracking",
     "apps/check",
     "spills",
 )
