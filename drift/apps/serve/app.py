@@ -58,6 +58,7 @@ TYPES = {  # of files of runs that a browser shows; it saves all others
 # where it measures letters, and in the scale line
 PLAIN_TEXT = ('innerHTML="M"', "innerElement_.innerHTML=")
 CHUNK = 2**18  # [bytes]
+LAST_MESSAGES = 1.0  # [s] at the end for messages of the webhook that are on their way
 
 
 # what requests take and answers have, as JSON Schema
@@ -294,6 +295,14 @@ class Desk:
         if wrong := await webhook.post(content):
             self.log.add("drift", "webhook failed", case=job.case, result=wrong)
 
+    async def close(self) -> None:
+        """End all jobs; what they still have to tell gets little time."""
+        await self.jobs.close()
+        if self._posting:
+            await asyncio.wait(self._posting, timeout=LAST_MESSAGES)
+        for task in self._posting:
+            task.cancel()
+
     async def log_end(self, request: Request) -> Response:
         """Return the last entries of the log, the newest first."""
         if _who(request).guest:
@@ -432,7 +441,7 @@ def make(
             yield
         finally:
             await form.close()
-            await desk.jobs.close()
+            await desk.close()
 
     async def openapi(request: Request) -> Response:
         """Return the description of the API."""

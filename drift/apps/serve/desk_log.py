@@ -1,4 +1,10 @@
-"""The log of the desk: who did what. It only grows, and the page shows its end."""
+"""The log of the desk: who did what. It only grows, and the page shows its end.
+
+Jobs can write into the folder, so also into the log: Landlock allows folders, and cannot leave out
+one file of them. So the server remembers the state of the file after each of its own lines, and an
+entry says if another program has changed it since. The time of change is that of the inode, which
+no program can set.
+"""
 
 import errno
 import json
@@ -31,17 +37,32 @@ class Entry:
     result: str | None = None  # folder of a result; of a webhook what went wrong
 
 
+State = tuple[int, int, int]  # inode, size [bytes] and time of change of its inode [ns]
+FOREIGN = f"noticed that another program has changed {NAME}"
+
+
 class DeskLog:
     """The log of a served folder; an entry that cannot be written does not stop the work."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._recent: deque[tuple[int, Entry]] = deque(maxlen=KEPT)
+        self._state: State | None = None  # of the file after our last line
         self.last = 0  # number of the newest entry of this start
         self.trouble = ""
 
     def add(self, user: str, action: str, **values: str | None) -> None:
         """Add an entry; values: its case, digest and result."""
+        self._notice()
+        self._add(user, action, **values)
+
+    def _notice(self) -> None:
+        """Add an entry if another program has changed the file since our last line."""
+        if self._state is not None and _state(self._folder / NAME) != self._state:
+            self._state = None  # else a file that cannot be written is noticed again and again
+            self._add("drift", FOREIGN)
+
+    def _add(self, user: str, action: str, **values: str | None) -> None:
         now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         entry = Entry(now, user, action, **values)
         self.last += 1
@@ -61,6 +82,7 @@ class DeskLog:
 
         Raises OSError if the file cannot be read.
         """
+        self._notice()
         try:
             handle = names.open_inside(self._folder, NAME)
         except FileNotFoundError:
@@ -86,8 +108,18 @@ class DeskLog:
                     line = b"\n" + line
             if os.write(handle, line) != len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            self._state = _state(handle)
         finally:
             os.close(handle)
+
+
+def _state(place: Path | int) -> State | None:
+    """Return the state of a file, given its path or a handle; None if there is none."""
+    try:
+        status = os.stat(place)
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_ctime_ns
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:

@@ -1,9 +1,11 @@
 """A message to an address, given at the start only, when a run ends."""
 
 import asyncio
+import contextlib
 import http.client
 import json
 import re
+import threading
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
@@ -11,6 +13,7 @@ from urllib.parse import urlsplit
 from geo.errors import UserError
 
 TIMEOUT = 10.0  # [s] to connect, and for the first bytes of an answer
+THREAD = "webhook"
 STATUS = re.compile(rb"HTTP/1\.[01] (\d{3})")
 
 
@@ -24,8 +27,24 @@ class Webhook:
     target: str  # path and query
 
     async def post(self, content: dict[str, Any]) -> str:
-        """Send a message; return what went wrong, "" for nothing."""
-        return await asyncio.to_thread(self._post, json.dumps(content).encode())
+        """Send a message; return what went wrong, "" for nothing.
+
+        Its thread does not hold up the end of the server, as one of `asyncio.to_thread` would.
+        """
+        loop = asyncio.get_running_loop()
+        done: asyncio.Future[str] = loop.create_future()
+
+        def tell(wrong: str) -> None:
+            if not done.cancelled():
+                done.set_result(wrong)
+
+        def work() -> None:
+            wrong = self._post(json.dumps(content).encode())
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(tell, wrong)
+
+        threading.Thread(target=work, name=THREAD, daemon=True).start()
+        return await done
 
     def _post(self, body: bytes) -> str:
         kind = http.client.HTTPSConnection if self.secure else http.client.HTTPConnection

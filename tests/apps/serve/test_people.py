@@ -202,6 +202,35 @@ def test_a_log_that_is_damaged_or_a_trap(tmp_path: Path) -> None:
     assert "cannot be written" in log.trouble
 
 
+def test_another_program_in_the_log_is_noticed(tmp_path: Path) -> None:
+    """A line that is added, one rewritten with the same length and times, and the file removed."""
+    log, place = desk_log.DeskLog(tmp_path), tmp_path / desk_log.NAME
+
+    def rewritten() -> None:
+        before = place.stat()
+        place.write_bytes(place.read_bytes().replace(b"ANNA", b"ANNE"))
+        os.utime(place, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+    def added() -> None:
+        place.write_bytes(place.read_bytes() + b'{"time": "x", "user": "EVE", "action": "saved"}\n')
+
+    for k, change in enumerate((added, rewritten, place.unlink)):
+        log.add("ANNA", f"did {k}")
+        log.add("ANNA", f"did {k} more")
+        time.sleep(0.02)  # longer than a tick of the clock of files
+        change()
+        log.add("BEN", f"saw {k}")
+        log.add("BEN", f"saw {k} again")
+    told = [(one["user"], one["action"]) for one in log.since(0)]
+    for k in range(3):
+        before = told.index(("ANNA", f"did {k} more"))
+        assert told[before + 1 : before + 3] == [("drift", desk_log.FOREIGN), ("BEN", f"saw {k}")]
+    assert sum(action == desk_log.FOREIGN for _, action in told) == 3
+    time.sleep(0.02)
+    added()
+    assert [one["action"] for one in log.end()[:2]] == [desk_log.FOREIGN, "saved"]
+
+
 def test_the_description_is_whole_and_valid(running: Server) -> None:
     """It is valid OpenAPI 3.1, has every route but the page's own, and the check notices a lie."""
     document = running.contract.document

@@ -8,6 +8,7 @@ import shutil
 import socket
 import subprocess
 import threading
+import time
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,25 @@ def test_what_an_answer_is_taken_for(
     monkeypatch.setattr(webhook, "TIMEOUT", 0.2)
     with closing(Listener(answer)) as there:
         assert asyncio.run(webhook.parse(there.address).post({})) == line
+
+
+def test_a_silent_address_does_not_hold_up_the_end(tmp_path: Path) -> None:
+    """The server ends although nobody answers; the thread that still waits is no reason to stay."""
+    (tmp_path / "case.toml").write_text(small_case.STEADY, encoding="utf-8")
+    with closing(socket.socket()) as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()  # who connects waits for an answer
+        hook = webhook.parse(f"http://127.0.0.1:{silent.getsockname()[1]}/")
+        with Server(tmp_path.resolve(), hook=hook) as served:
+            body = {"kind": "run", "case": "case.toml", "digest": "0" * 64}
+            served.json("POST", "/api/jobs", body)
+            silent.settimeout(10)
+            line, _ = silent.accept()
+            begun = time.monotonic()
+        assert time.monotonic() - begun < webhook.TIMEOUT / 2
+        line.close()
+    waiting = [one for one in threading.enumerate() if one.name == webhook.THREAD]
+    assert all(one.daemon for one in waiting)
 
 
 def test_no_redirect_is_followed() -> None:
