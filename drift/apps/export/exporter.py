@@ -58,7 +58,7 @@ def export(
     target = Path(out) if out is not None else Path(f"{folder.resolve().name}-{format}")
     publication.check(target, overwrite)
     run = finished.open_result(folder, [times] if isinstance(times, str) else times)
-    contents_by_name = _format_files(run, format)
+    contents_by_name = format_files(run, format)
     publication.check(target, overwrite, contents_by_name)
 
     def fill(staging: Path) -> None:
@@ -68,7 +68,7 @@ def export(
     return writer.write_all_or_none(target, run.run, fill, overwrite=overwrite)
 
 
-def _format_files(run: Finished | Release, format: str) -> dict[str, bytes]:
+def format_files(run: Finished | Release, format: str) -> dict[str, bytes]:
     """Return the contents of a format's files by name; raise UserError if the result is damaged."""
     try:
         if isinstance(run, Finished):

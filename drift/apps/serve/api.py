@@ -140,7 +140,8 @@ def _parameter(convertor: object) -> Schema:
 
 def _answer(schema: Schema | None, mistakes: bool) -> dict[str, Any]:
     if schema is None:
-        return {"description": "the file", "content": {"*/*": {"schema": {}}}}
+        told = _json({"$ref": "#/components/schemas/Mistakes"}) if mistakes else {}
+        return {"description": "the file", "content": {"*/*": {"schema": {}}, **told}}
     if mistakes:
         schema = {"anyOf": [schema, {"$ref": "#/components/schemas/Mistakes"}]}
     return {"description": "done", "content": _json(schema)}

@@ -27,6 +27,7 @@ from drift.apps.serve.api import COUNT, FLAG, NUMBER, TEXT, Operation, many, or_
 from drift.apps.serve.desk_log import DeskLog
 from drift.apps.serve.gate import Gate
 from drift.apps.serve.jobs import KINDS, Job, Jobs, Limits
+from drift.apps.serve.routes.export_routes import ExportRoutes
 from drift.apps.serve.routes.form_routes import FormRoutes
 from drift.apps.serve.routes.search_routes import SearchRoutes
 from drift.apps.serve.users import Secret, User
@@ -35,7 +36,7 @@ from drift.case import file as case_file
 from drift.case import template
 from geo.files import fence
 
-PAGE = ("desk", "editor", "form", "kit", "map", "people", "sources")
+PAGE = ("changes", "desk", "editor", "export", "form", "kit", "map", "people", "refine", "sources")
 SEARCH = ("drawn", "plan", "results", "rows", "search", "searches")
 ASSETS = {
     "desk.css": ("drift.apps.serve", "text/css"),
@@ -433,6 +434,7 @@ def make(
     desk = Desk(folder, secret, allowed, limits, webhook)
     form = FormRoutes(folder, allowed, limits)
     search = SearchRoutes(folder, form)
+    exports = ExportRoutes(folder, allowed, limits)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -441,6 +443,7 @@ def make(
             yield
         finally:
             await form.close()
+            await exports.close()
             await desk.close()
 
     async def openapi(request: Request) -> Response:
@@ -453,6 +456,7 @@ def make(
         *desk.routes(),
         *form.routes(),
         *search.routes(),
+        *exports.routes(),
         Operation("GET", "/api/openapi.json", openapi, api.OBJECT),
     ]
     reads = api.open_to_guests(routes)

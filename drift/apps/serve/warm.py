@@ -35,6 +35,7 @@ PATIENCE = {  # [s]
     "coast": 30.0,
     "forcing": 60.0,
     "note": 60.0,
+    "export": 120.0,
 }
 FIRST = 60.0  # [s] more, for a process that starts
 SKETCH = 180.0  # [s]

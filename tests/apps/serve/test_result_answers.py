@@ -10,7 +10,7 @@ import trial_case
 import xarray as xr
 
 import drift
-from drift.apps.serve.answers import process
+from drift.apps.serve.answers import process, result_answers
 from geo.errors import UserError
 
 RUN = "two"
@@ -68,6 +68,55 @@ def test_areas_of_a_scenario_hold_their_shares(folder: Path, cells: Any) -> None
         seen.add((k, level))
     assert len(seen) == 3 * len(told["times"])
     assert ask("result", folder, scenario=None)["areas"]["features"] == []
+
+
+def test_what_is_compared_with_another_run(folder: Path, cells: Any) -> None:
+    """The densest cell, the share ashore and the particles at each time, as the files have them."""
+    told = ask("result", folder, scenario=None)
+    density = (cells["probability"] / cells["cell_area"]).values
+    for k, (lon, lat) in enumerate(told["likely"]):
+        row, column = np.argwhere(density[k] == density[k].max())[0]
+        assert lat == pytest.approx(float(cells["lat"][row]), abs=5e-5)
+        assert abs((lon - float(cells["lon"][column]) + 180) % 360 - 180) < 5e-5
+        assert -180 <= lon <= 180
+    ashore = cells["status_probability"].sel(status="ashore").values
+    np.testing.assert_allclose(told["ashore"], ashore, atol=5e-7)
+    with xr.open_dataset(folder / RUN / "particles.nc") as tracks:
+        assert tracks.sizes["trajectory"] <= result_answers.MOST_PARTICLES
+        drawn = told["particles"]
+        there = np.isfinite(tracks["lon"].values.T)
+        np.testing.assert_allclose(
+            np.array(drawn["lon"])[there], tracks["lon"].values.T[there], atol=5e-5
+        )
+        np.testing.assert_array_equal(
+            np.array(drawn["status"])[there], tracks["status"].values.T[there]
+        )
+    assert told["words"].startswith("At ")
+    assert "% of the probability" in told["words"]
+
+
+def test_a_result_without_particles(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(result_answers, "PARTICLES", "absent.nc")
+    told = ask("result", folder, scenario=None)
+    assert told["statuses"] == []
+    assert told["particles"] == {"lon": [], "lat": [], "status": []}
+    assert told["likely"]
+
+
+@pytest.mark.parametrize("count", [2, 9, 10, 57])
+@pytest.mark.parametrize("opens", [None, 0, 1, -1])
+def test_a_first_map_has_few_of_the_times(count: int, opens: int | None) -> None:
+    """The first, the last and the one shown first among them, in order, without long gaps."""
+    outputs = np.datetime64("2026-11-21T18:30", "s") + np.arange(count) * np.timedelta64(3599, "s")
+    shown = None if opens is None else outputs[opens]
+    few = process.few_outputs(outputs, shown)
+    assert few.size <= process.MOST_OUTPUTS
+    assert few.size == min(count, process.MOST_OUTPUTS) or opens is not None
+    assert (few[0], few[-1]) == (outputs[0], outputs[-1])
+    assert shown is None or shown in few
+    number = np.flatnonzero(np.isin(outputs, few))
+    assert (outputs[number] == few).all()
+    assert np.diff(number).max() <= np.ceil((count - 1) / (process.MOST_OUTPUTS - 2))
 
 
 @pytest.mark.parametrize("scenario", [None, "raft", "swimmer"])

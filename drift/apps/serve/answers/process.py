@@ -13,13 +13,16 @@ import queue
 import sys
 import threading
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from drift.apps.serve.answers import (
+    export_answers,
     note_answers,
     plan_answers,
     result_answers,
@@ -35,7 +38,23 @@ from geo.errors import UserError
 PARTICLES = 10_000  # of a sketch
 DRAWN = 2000  # of them, on the map
 AREAS = "[50, 75, 95]"
+MOST_OUTPUTS = 9  # of a sketch: the maps of many outputs take most of its time
 OVERLONG = 300  # characters of a message
+Times = npt.NDArray[np.datetime64]
+
+# what a case that has searches needs besides; kernels are compiled by what they take
+WARM_SEARCH = """
+[[scenario]]
+name = "raft"
+object = "LIFE-RAFT-DB-10"
+trackline = { waypoints = ["50 00N 005 30W", "50 06N 005 50W"], speed = "6 kn", cross_track = "1 nmi" }
+
+[[sortie]]
+start = "+3 h"
+speed = "80 kn"
+sweep_width = "0.5 nmi"
+pattern = { kind = "parallel", centre = "50 00N 005 30W", length = "6 nmi", width = "4 nmi", spacing = "1 nmi" }
+"""
 
 
 class Cancelled(Exception):
@@ -120,6 +139,7 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         "output.areas": AREAS,
     }
     case = case_file.load_text(path, text, overrides)
+    case = replace(case, outputs=few_outputs(case.outputs, case.opens))
     result = flow.run(case, report=tell)
     data, tracks = result.forecast.data, result.trajectories
     times = [f"{time.astype('datetime64[s]')}Z" for time in data["time"].values]
@@ -137,12 +157,14 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     lon, lat = (sphere.to_degrees(one).round(4) for one in (tracks.lon, tracks.lat))
     return {
         "title": case.title,
+        "number": case.particles,
+        **result_answers.probabilities(data, len(times)),
         "words": headline.forecast_headline(data, result.setting.opens),
         "warnings": list(result.summary["warnings"]),
         "times": times,
         "opens": None if result.setting.opens is None else f"{result.setting.opens}Z",
         "areas": geojson.collection(areas, {}),
-        "likely": [_likeliest_place(data.isel(time=k)) for k in range(len(times))],
+        "likely": [result_answers.likeliest_place(data.isel(time=k)) for k in range(len(times))],
         "statuses": [status.name.lower() for status in sorted(Status)],
         "particles": {
             "lon": lon.T.tolist(),
@@ -152,14 +174,17 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     }
 
 
-def _likeliest_place(at: Any) -> list[float] | None:
-    """Return the centre [deg] of the densest cell; None if nothing is on the map."""
-    density = at["probability"].values / at["cell_area"].values
-    if not density.sum() > 0:
-        return None
-    row, column = np.unravel_index(int(density.argmax()), density.shape)
-    lon, lat = float(at["lon"].values[column]), float(at["lat"].values[row])
-    return [round(float(sphere.wrap_degrees(lon)), 4), round(lat, 4)]
+def few_outputs(outputs: Times, opens: np.datetime64 | None) -> Times:
+    """Return at most MOST_OUTPUTS of a case's output times: first, last, `opens`, and some between.
+
+    Args:
+        outputs: in order of the run, shape (n,).
+        opens: time that the map shows first; None: the last.
+    """
+    most = MOST_OUTPUTS - (opens is not None)
+    kept = np.zeros(outputs.size, bool)
+    kept[np.linspace(0, outputs.size - 1, most).round().astype(int)] = True
+    return outputs[kept | (outputs == opens)] if opens is not None else outputs[kept]
 
 
 def _coast(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
@@ -216,6 +241,7 @@ def _warm(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
             {"field": "current", "value": {"kind": "constant", "speed": "1 kn", "toward": 75}},
         ],
     )
+    text += WARM_SEARCH
     with contextlib.suppress(UserError):
         _sketch({"path": "warm.toml", "text": text}, tell)
     return {}
@@ -229,6 +255,7 @@ ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
     "coast": _coast,
     "forcing": _forcing,
     "note": lambda request, tell: note_answers.note(request),
+    "export": lambda request, tell: export_answers.export(request),
     "warm": _warm,
     "search": lambda request, tell: search_answers.search(request),
     "plan": lambda request, tell: plan_answers.plan(request),

@@ -1,23 +1,27 @@
 """What the warm process answers about a result: its areas by scenario, and the value at a place."""
 
+import json
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from drift.apps.serve import shelf
+from drift.apps.serve import names, shelf
+from drift.engine.particles.status import Status
 from drift.forecast import by_scenario
 from drift.forecast.build import Forecast
-from drift.forecast.products import dataset
+from drift.forecast.products import dataset, headline
 from drift.products.files import geojson
+from geo import sphere
 from geo.errors import UserError
 from geo.files import fence
 from geo.notation import NMI
 
-NAME = "forecast.nc"
+NAME, PARTICLES = "forecast.nc", "particles.nc"
+MOST_PARTICLES = 1000  # on the map
 MOST_TIMES = 200  # of which areas by scenario are made
 
 
@@ -29,22 +33,104 @@ def result(request: Mapping[str, Any]) -> dict[str, Any]:
 
     Returns:
         `times`; `scenarios`, each with its name and its probability at each time; `areas`, those of
-        the scenario if it is the true one.
+        the scenario if it is the true one. Of all scenarios together: `words`, the first sentences
+        of the report; `likely`, the most likely place at each time; `ashore`, the probability that
+        it is ashore at each time; and `particles`, some of them, if the result holds any.
     """
     with _opened(request) as data:
+        opens = _opens(request)
         times = [f"{time.astype('datetime64[s]')}Z" for time in data["time"].values[:MOST_TIMES]]
         shown = dataset.displayed_scenarios(data)
-        names = shown.names([str(name) for name in data["scenario"].values])
-        weight = [shown.sums(row) for row in data["scenario_probability"].values[: len(times)]]
+        listed = shown.names([str(name) for name in data["scenario"].values])
         wanted = request["scenario"]
-        if wanted is not None and wanted not in names:
+        if wanted is not None and wanted not in listed:
             raise UserError(f"{request['run']}: has no scenario {str(wanted)[:100]!r}")
         areas = [] if wanted is None else list(_areas(data, wanted, times))
+        words = headline.forecast_headline(data, opens)
+        likely = [likeliest_place(data.isel(time=k)) for k in range(len(times))]
+        told = probabilities(data, len(times))
+    return {
+        "times": times,
+        "opens": None if opens is None else f"{opens}Z",
+        **told,
+        "areas": geojson.collection(areas, {}),
+        "words": words,
+        "likely": likely,
+        **_particles(request, len(times)),
+    }
+
+
+def probabilities(data: xr.Dataset, count: int) -> dict[str, Any]:
+    """Return the probability of each `scenario`, and of being `ashore`, at the first outputs.
+
+    Args:
+        data: of a forecast.
+        count: number of outputs.
+    """
+    shown = dataset.displayed_scenarios(data)
+    weight = [shown.sums(row) for row in data["scenario_probability"].values[:count]]
     scenarios = [
         {"name": name, "probability": [round(float(row[k]), 6) for row in weight]}
-        for k, name in enumerate(names)
+        for k, name in enumerate(shown.names([str(name) for name in data["scenario"].values]))
     ]
-    return {"times": times, "scenarios": scenarios, "areas": geojson.collection(areas, {})}
+    ashore = data["status_probability"].sel(status="ashore").values[:count]
+    return {"scenarios": scenarios, "ashore": ashore.astype(np.float64).round(6).tolist()}
+
+
+def likeliest_place(at: xr.Dataset) -> list[float] | None:
+    """Return the centre [deg] of the densest cell; None if nothing is on the map.
+
+    Args:
+        at: one output of a forecast.
+    """
+    density = at["probability"].values / at["cell_area"].values
+    if not density.sum() > 0:
+        return None
+    row, column = np.unravel_index(int(density.argmax()), density.shape)
+    lon, lat = float(at["lon"].values[column]), float(at["lat"].values[row])
+    return [round(float(sphere.wrap_degrees(lon)), 4), round(lat, 4)]
+
+
+def _opens(request: Mapping[str, Any]) -> np.datetime64 | None:
+    """Return the time that the report shows first, as the summary of the run has it; None: the
+    last.
+    """
+    data = names.contents(
+        Path(request["folder"]), request["run"], shelf.SUMMARY, largest=shelf.LARGEST_SUMMARY
+    )
+    opens = json.loads(data).get("opens")
+    return None if opens is None else np.datetime64(opens.rstrip("Z"), "s")
+
+
+def _particles(request: Mapping[str, Any], count: int) -> dict[str, Any]:
+    """Return some particles at the first outputs, as a first map has them.
+
+    A result may hold none, or at other times.
+
+    Args:
+        request: as that of `result`.
+        count: number of outputs.
+    """
+    none = {"statuses": [], "particles": {"lon": [], "lat": [], "status": []}}
+    try:
+        with opened_file(request, PARTICLES) as data:
+            tracks = data[["lon", "lat", "status"]].isel(trajectory=slice(MOST_PARTICLES)).load()
+            if tracks.sizes["time"] < count:
+                return none
+    except UserError:
+        return none
+    tracks = tracks.isel(time=slice(count)).transpose("time", "trajectory")
+    known = np.isfinite(tracks["lon"].values) & np.isfinite(tracks["lat"].values)
+    return {
+        "statuses": [status.name.lower() for status in sorted(Status)],
+        "particles": {
+            "lon": np.where(known, tracks["lon"].values, 0.0).round(4).tolist(),
+            "lat": np.where(known, tracks["lat"].values, 0.0).round(4).tolist(),
+            "status": np.where(known, tracks["status"].values, int(Status.PENDING))
+            .astype(int)
+            .tolist(),
+        },
+    }
 
 
 def _areas(data: xr.Dataset, wanted: str, times: list[str]) -> Iterator[dict[str, Any]]:
@@ -84,12 +170,12 @@ def value(request: Mapping[str, Any]) -> dict[str, Any]:
         held = float(data["containment"].isel(cell))
         mass = float(data["probability"].isel(cell))
         if request["scenario"] is not None:
-            names = dataset.displayed_scenarios(data).names(
+            listed = dataset.displayed_scenarios(data).names(
                 [str(name) for name in data["scenario"].values]
             )
-            if request["scenario"] not in names:
+            if request["scenario"] not in listed:
                 raise UserError(f"{request['run']}: has no such scenario")
-            which = names.index(request["scenario"])
+            which = listed.index(request["scenario"])
             mass = float(data["probability_by_scenario"].isel(cell)[which])
             weight = float(
                 dataset.displayed_scenarios(data).sums(data["scenario_probability"].values[k])[
@@ -100,18 +186,29 @@ def value(request: Mapping[str, Any]) -> dict[str, Any]:
     return {"per_nmi2": mass / square, "within": held if np.isfinite(held) else None}
 
 
+def _opened(request: Mapping[str, Any]) -> AbstractContextManager[xr.Dataset]:
+    return opened_file(request, NAME)
+
+
 @contextmanager
-def _opened(request: Mapping[str, Any]) -> Iterator[xr.Dataset]:
-    """Yield the forecast of a result; raise UserError if it has none that can be read."""
+def opened_file(request: Mapping[str, Any], name: str) -> Iterator[xr.Dataset]:
+    """Yield a file of a result; raise UserError if it has none that can be read."""
     folder, run = Path(request["folder"]), request["run"]
     try:
-        handle, _ = shelf.file_of_run(folder, run, NAME)
+        handle, _ = shelf.file_of_run(folder, run, name)
         with open(handle, "rb"):
-            path = folder / run / NAME
+            path = folder / run / name
             fence.check_open(handle, path)
             with xr.open_dataset(path) as data:
                 yield data
-    except (OSError, ValueError, KeyError, IndexError, TypeError, StopIteration) as error:
+    except (
+        OSError,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        StopIteration,
+    ) as error:
         if isinstance(error, UserError):
             raise
         raise UserError(f"{run}: holds no forecast that the page can show") from None

@@ -5,6 +5,8 @@ import { all, ask, button, bytes, file_of, get, guarded, make, span, when } from
 import { paint } from "./map.js";
 import { by, watch } from "./people.js";
 import { close_plan, open_plan } from "./plan.js";
+import { export_part } from "./export.js";
+import { begin_run, refine } from "./refine.js";
 import { clear_result, show_result } from "./results.js";
 import * as search from "./search.js";
 
@@ -64,6 +66,12 @@ function link(address, words) {
 }
 
 /** @param {Run} run */
+function export_of(run) {
+  const part = export_part(run);
+  return part && make("details", { "data-changes": "" }, make("summary", {}, `Export ${run.name}`), part);
+}
+
+/** @param {Run} run */
 function run_row(run) {
   const title = run.title || run.name;
   /** @param {string} name @param {string} words */
@@ -83,6 +91,7 @@ function run_row(run) {
     make("p", { class: "soft" }, facts.filter(Boolean).join(" · ")),
     ...run.warnings.map((line) => make("p", { class: "wrong" }, `Warning: ${line}`)),
     ...(run.kind === "origin" ? [] : note_part(run.name)),
+    export_of(run),
     make("details", {}, make("summary", {}, `Files of ${run.name}`), make("ul", { class: "files" }, ...files)));
 }
 
@@ -190,8 +199,9 @@ const start = guarded(async (/** @type {string} */ kind) => {
   own.busy = true;
   try {
     if (!(await save())) return;
-    /** @type {Job} */
-    const job = await ask("/api/jobs", { kind, case: opened.name, digest: opened.digest });
+    /** @returns {Promise<Job>} */
+    const new_job = () => ask("/api/jobs", { kind, case: opened.name, digest: opened.digest });
+    const job = kind === "run" ? await begin_run(new_job) : await new_job();
     if (kind === "check") {
       own.check = job.number;
       get("checked").replaceChildren(make("p", {}, "Checking ..."));
@@ -329,6 +339,7 @@ function follow(job) {
     checked(job);
   }
   own.jobs.set(job.number, job);
+  refine(job);
   if (ended && job.state === "done" && job.kind === "plan" && job.case === opened.name && job.out) on_map(job.out);
   return ended;
 }

@@ -355,7 +355,8 @@ sea.dragging({
 /** @type {Record<string, string>} */
 const LOOKS_OF = { adrift: "sample", ashore: "ashore" };
 
-get("first").addEventListener("click", guarded(async () => {
+/** Make a first map of the text, and show it; return what is shown, or null. */
+export const first_map = guarded(async () => {
   await own.turn;
   const words = text.value;
   const begun = performance.now();
@@ -363,36 +364,48 @@ get("first").addEventListener("click", guarded(async () => {
   get("headline").textContent = "Making a first map ...";
   get("map").scrollIntoView({ block: "nearest" }); // on a phone it is above
   get("warned").replaceChildren();
+  get("changed").textContent = "";
   try {
     /** @type {Sketch} */
     const told = await ask("/api/sketch", { text: words, name: opened.name });
-    if (own.sketching !== mine) return;
+    if (own.sketching !== mine) return null;
     own.sketched = words;
     get("headline").classList.toggle("old", words !== text.value);
-    sea.show({ ...told, looks: told.statuses.map((one) => LOOKS_OF[one]) });
+    const shown = { ...told, looks: looks_of(told.statuses) };
+    sea.show(shown);
     const took = ((performance.now() - begun) / 1000).toFixed(1);
-    get("headline").textContent = `First map, of few particles: ${told.words} (${took} s)`;
+    get("headline").textContent = `First map, ${told.number.toLocaleString("en")} particles: ${told.words} (${took} s)`;
+    get("headline").dataset.seconds = took;
     get("warned").replaceChildren(...told.warnings.map((one) => make("li", {}, one)));
+    return shown;
   } catch (error) {
-    if (own.sketching !== mine) return;
+    if (own.sketching !== mine) return null;
     if (!(error instanceof Error)) throw error;
     const mistaken = error instanceof Rejected && error.status === 422;
     get("headline").textContent = mistaken ? `No first map yet: ${error.message}` : error.message;
+    return null;
   }
-}));
+});
+get("first").addEventListener("click", () => first_map());
+
+/** @param {string[]} statuses names, in order of their numbers */
+export const looks_of = (statuses) => statuses.map((one) => LOOKS_OF[one]);
 
 /**
  * Show the areas of a result.
  * @param {string} title
  * @param {Areas} areas
  * @param {Partial<Shown>} [more]
+ * @param {boolean} [keep] the view and the time stay
  */
-export function show_areas(title, areas, more = {}) {
+export function show_areas(title, areas, more = {}, keep = false) {
   own.sketched = "";
+  own.sketching = null; // a first map that is still being made comes too late
+  get("changed").textContent = "";
   get("headline").classList.remove("old");
   get("headline").textContent = `Areas of ${title}`;
   get("warned").replaceChildren();
-  sea.show({ areas, ...more });
+  sea.show({ areas, ...more }, keep);
 }
 
 /** Fill the form from a text that was just opened in the editor. */
@@ -404,6 +417,7 @@ export const begin = guarded(async () => {
   pick("");
   sea.clear();
   get("headline").textContent = "";
+  get("changed").textContent = "";
   get("warned").replaceChildren();
   await sources.list_files();
   await refresh();

@@ -1,6 +1,6 @@
 // The map: the shoreline, what the case says of the place, and the areas of a first map or a result. It goes round the Earth
 // without a seam: OpenLayers repeats the world, and shapes beyond 180 degrees are drawn on both sides.
-import { ask, get, guarded } from "./kit.js";
+import { all, ask, get, guarded } from "./kit.js";
 
 const target = get("map");
 export const map = projected({ kind: "mercator", lon: 0, lat: 0, around: true });
@@ -39,6 +39,7 @@ export const chart = new ol.Map({
   controls: ol.control.defaults.defaults({ rotate: false, attribution: false }).extend([scale]),
 });
 const grid = graticule(map, view, chart);
+const the_grid = /** @type {BaseLayer} */ (chart.getLayers().getArray().at(-1)); // which it has just added
 
 /** What is shown of a first map or a result. */
 export const shown = {
@@ -307,23 +308,44 @@ export function clear() {
 /**
  * Show the areas of a first map or a result.
  * @param {Shown} told
+ * @param {boolean} [keep] the view and the time stay, and what plays plays on
  */
-export function show(told) {
+export function show(told, keep = false) {
+  const { playing } = shown;
+  const now = keep ? shown.times[shown.index] : undefined;
   clear();
   const features = told.areas.features;
   const leaf = { features, look: "area", when: "at", span: ["time", "time"], where: {}, told: [], title: "Areas" };
   shown.areas = shapes(leaf, null, map, 10);
-  for (const one of layers_of_areas()) chart.addLayer(one);
+  for (const one of layers_of_areas()) {
+    one.setVisible(!switched_off.has("areas"));
+    chart.addLayer(one);
+  }
   shown.told = told;
   const own_times = [...new Set(features.map((one) => epoch(one.properties.time)))].sort((a, b) => a - b);
   shown.times = told.times ? told.times.map(epoch) : own_times;
   get("slider").max = String(Math.max(0, shown.times.length - 1));
   get("time").hidden = shown.times.length < 2;
-  const opens = told.opens ? shown.times.indexOf(epoch(told.opens)) : -1;
-  move(opens >= 0 ? opens : shown.times.length - 1);
+  move(shown.times.length - 1);
+  if (now !== undefined) go_to_time(now);
+  else if (told.opens) go_to_time(epoch(told.opens));
+  if (keep) {
+    if (playing && shown.times.length > 1) play(true);
+    return;
+  }
   const start = position_given();
   const points = features.flatMap((one) => /** @type {Point[]} */ (one.geometry.coordinates.flat(2)));
   look_at(start ? [start, ...points] : points);
+}
+
+/**
+ * Add what was not known yet to what is shown: particles and most likely places.
+ * @param {Partial<Shown>} told
+ */
+export function add(told) {
+  if (!shown.told) return;
+  Object.assign(shown.told, told);
+  move(shown.index);
 }
 
 /**
@@ -373,20 +395,66 @@ function particles_at({ particles: held, looks = [] }, k) {
   });
 }
 
+const EACH = 600; // [ms] that a time is shown
+const CALM = 2000; // the same for who wants less motion; then it ends with the last time
+const less_motion = window.matchMedia("(prefers-reduced-motion: reduce)");
+let timer = 0;
+
 /** @param {boolean} on */
 function play(on) {
   shown.playing = on;
+  clearTimeout(timer);
   get("play").textContent = on ? "Pause" : "Play";
   get("play").setAttribute("aria-pressed", String(on));
+  get("now").setAttribute("aria-live", on ? "off" : "polite"); // else each time is read out
+  if (on) timer = setTimeout(next, less_motion.matches ? CALM : EACH);
+}
+
+/** Show the next time, after the last one the first. */
+function next() {
+  const last = shown.index + 1 >= shown.times.length;
+  if (last && less_motion.matches) {
+    play(false);
+    return;
+  }
+  move(last ? 0 : shown.index + 1);
+  play(true);
 }
 
 get("slider").addEventListener("input", () => move(Number(get("slider").value)));
 get("before").addEventListener("click", () => move(shown.index - 1));
 get("after").addEventListener("click", () => move(shown.index + 1));
-get("play").addEventListener("click", async () => {
+get("play").addEventListener("click", () => {
+  const again = !shown.playing && less_motion.matches && shown.index + 1 >= shown.times.length;
+  if (again) move(0);
   play(!shown.playing);
-  while (shown.playing) {
-    await new Promise((done) => setTimeout(done, 600));
-    if (shown.playing) move(shown.index + 1 < shown.times.length ? shown.index + 1 : 0);
-  }
 });
+
+// --- layers that can be switched off -------------------------------------------------------------------------------------
+const switched_off = /** @type {Set<string>} */ (new Set());
+const switched = /** @type {Map<string, BaseLayer[]>} */ (new Map([
+  ["areas", []], ["particles", [the_particles]], ["likely", [the_likely]], ["start", [the_given]], ["coast", [the_land]],
+  ["graticule", [the_grid]],
+]));
+
+/**
+ * Have a layer switched with those of a name.
+ * @param {string} name
+ * @param {BaseLayer} one
+ */
+export function switch_with(name, one) {
+  switched.set(name, [...switched.get(name) ?? [], one]);
+}
+
+/** Show the layers that are switched on, and no others. */
+function switch_layers() {
+  for (const [name, layers] of switched) for (const one of layers) one.setVisible(!switched_off.has(name));
+  for (const one of layers_of_areas()) one.setVisible(!switched_off.has("areas"));
+}
+for (const box of /** @type {HTMLInputElement[]} */ (all("[data-layer]"))) {
+  box.addEventListener("change", () => {
+    if (box.checked) switched_off.delete(box.dataset.layer ?? "");
+    else switched_off.add(box.dataset.layer ?? "");
+    switch_layers();
+  });
+}

@@ -1,6 +1,6 @@
 // The step "Search": what was searched, what was seen, and the units and times of the plan, each a row of the case.
 import { layer_of, search_shapes, shape } from "./drawn.js";
-import { opened, text } from "./editor.js";
+import { opened, tab, text } from "./editor.js";
 import * as form from "./form.js";
 import { all, ask, button, get, guarded, make, Rejected } from "./kit.js";
 import * as sea from "./map.js";
@@ -16,6 +16,7 @@ const own = {
   fresh: false, // whether the map has yet to go to the searches of a case that was just opened
 };
 const drawn = layer_of(25);
+sea.switch_with("searches", drawn.layer);
 
 /** @type {RowTools} */
 const tools = {
@@ -264,7 +265,10 @@ document.addEventListener("drop", (event) => {
   if (!file) return;
   event.preventDefault();
   if (!/\.gpx$/i.test(file.name)) get("trouble").textContent = `${file.name} is no track: only GPX files (.gpx) can be dropped here.`;
-  else save_track(file);
+  else {
+    if (opened.name !== null) tab("search"); // where its sortie appears
+    save_track(file);
+  }
 });
 
 /** Begin with a case that was just opened. */

@@ -53,7 +53,9 @@ GEOJSON: Schema = {
     },
     "required": ["type", "features"],
 }
+PARTICLES = record(lon=many(many(NUMBER)), lat=many(many(NUMBER)), status=many(many(api.COUNT)))
 SKETCH = record(
+    number=api.COUNT,
     title=TEXT,
     words=TEXT,
     warnings=many(TEXT),
@@ -62,7 +64,9 @@ SKETCH = record(
     areas=GEOJSON,
     likely=many(or_null(POINT)),
     statuses=many(TEXT),
-    particles=record(lon=many(many(NUMBER)), lat=many(many(NUMBER)), status=many(many(api.COUNT))),
+    particles=PARTICLES,
+    scenarios=many(record(name=TEXT, probability=many(NUMBER))),
+    ashore=many(NUMBER),
 )
 SOURCE = record(quantity=TEXT, box=BOX, times=many(TEXT))
 FORCING_ANSWER = record(("files", "sources"), files=many(TEXT), sources=many(SOURCE))
@@ -239,7 +243,8 @@ def answered(handler: Any) -> Any:
     async def answer(request: Request) -> Response:
         more = (request.scope["who"].name,) if with_user else ()
         try:
-            return JSONResponse(await handler(request.scope["body"], *more))
+            told = await handler(request.scope["body"], *more)
+            return told if isinstance(told, Response) else JSONResponse(told)
         except Invalid as invalid:
             return JSONResponse({"error": str(invalid)}, invalid.status)
         except asyncio.CancelledError:  # the server ends without waiting for it

@@ -12,6 +12,7 @@ from drift.apps.serve import api, names, shelf
 from drift.apps.serve.api import NUMBER, TEXT, Operation, Schema, many, or_null, record
 from drift.apps.serve.routes.form_routes import (
     GEOJSON,
+    PARTICLES,
     POINT,
     FormRoutes,
     Invalid,
@@ -80,7 +81,17 @@ MOVED_PLAN = record(
     took_ms=NUMBER,
 )
 SCENARIO = record(name=TEXT, probability=many(NUMBER))
-RESULT = record(times=many(TEXT), scenarios=many(SCENARIO), areas=GEOJSON)
+RESULT = record(
+    times=many(TEXT),
+    opens=or_null(TEXT),
+    scenarios=many(SCENARIO),
+    areas=GEOJSON,
+    words=TEXT,
+    likely=many(or_null(POINT)),
+    ashore=many(NUMBER),
+    statuses=many(TEXT),
+    particles=PARTICLES,
+)
 VALUE = record(per_nmi2=NUMBER, within=or_null(NUMBER))
 
 

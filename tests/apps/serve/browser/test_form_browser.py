@@ -102,7 +102,7 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
     page.get_by_role("button", name="First map").click()
     told = page.locator("#headline")
     until(lambda: told.inner_text() not in ("", "Making a first map ..."), 120)
-    assert told.inner_text().startswith("First map, of few particles"), told.inner_text()
+    assert told.inner_text().startswith("First map, 10,000 particles"), told.inner_text()
     assert on_map(page, "sea.shown.times.length") == 3  # every 3 h of 6
     page.get_by_role("button", name="Earlier").click()
     assert page.locator("#now").inner_text() == "281534ZNOV26 (+3 h)"

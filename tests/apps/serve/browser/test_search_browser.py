@@ -113,7 +113,7 @@ def test_from_the_call_to_a_tasking(browser: Any, served: Server, size: str) -> 
     page = desk.page
     desk.press("kayak.toml")
     desk.press("First map")
-    page.get_by_text("First map, of few particles").wait_for(timeout=PATIENCE)
+    page.get_by_text("First map, 10,000 particles").wait_for(timeout=PATIENCE)
     desk.press("Run the forecast")
     page.get_by_role("link", name=re.compile("Open the report of kayak-forecast")).wait_for(
         timeout=PATIENCE

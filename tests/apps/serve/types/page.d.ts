@@ -58,12 +58,16 @@ declare global {
   interface Message { message: string; field: string | null; line: number | null }
   interface DriftObject { name: string; description: string; level: number; words: string[] }
   interface Coast { features: { geometry: { coordinates: Point[][] } }[] }
-  interface Areas { features: { properties: { time: string; level?: number }; geometry: { coordinates: Point[][][] } }[] }
+  interface Areas { features: { properties: { time: string; level?: number; area_nmi2?: number }; geometry: { coordinates: Point[][][] } }[] }
   interface Shown {
     areas: Areas; times?: string[]; opens?: string | null; likely?: (Point | null)[]; looks?: string[];
     particles?: { lon: number[][]; lat: number[][]; status: number[][] };
   }
-  interface Sketch extends Shown { title: string; words: string; warnings: string[]; statuses: string[] }
+  interface Probabilities { scenarios: { name: string; probability: number[] }[]; ashore: number[] }
+  interface Sketch extends Shown, Probabilities {
+    title: string; number: number; words: string; warnings: string[]; statuses: string[]; times: string[]; likely: (Point | null)[];
+  }
+  interface Compared extends Probabilities { times: string[]; likely: (Point | null)[]; areas: Areas }
   interface Place { at?: Point; error?: number; line?: Point[]; polygon?: Point[] } // [deg], [m]
 
   // --- the step "Search", plans and results ---
@@ -97,7 +101,7 @@ declare global {
   }
   interface Planned { run: string; areas: PlannedArea[]; total: number; objective: string; bound: number | null; warnings: string[] }
   interface MovedPlan { run: string; areas: (PlannedArea & { as_planned: number })[]; total: number; as_planned: number; took_ms: number }
-  interface ResultOf { times: string[]; scenarios: { name: string; probability: number[] }[]; areas: Areas }
+  interface ResultOf extends Compared { words: string; statuses: string[]; particles: NonNullable<Shown["particles"]>; opens: string | null }
 
   // --- scripts of report.html ---
   type Theme = "light" | "dark";
