@@ -22,7 +22,6 @@ import numpy.typing as npt
 import shapely
 
 from drift.apps.serve.answers import (
-    export_answers,
     note_answers,
     plan_answers,
     result_answers,
@@ -229,6 +228,13 @@ def _forcing(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     return {"sources": found}
 
 
+def _export(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    """Return a result as one file; only the process of exports imports what that needs."""
+    from drift.apps.serve.answers import export_answers
+
+    return export_answers.export(request)
+
+
 def _warm(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     """Compile what a sketch needs, with a small case of its own."""
     text = form.set_fields(
@@ -255,7 +261,7 @@ ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
     "coast": _coast,
     "forcing": _forcing,
     "note": lambda request, tell: note_answers.note(request),
-    "export": lambda request, tell: export_answers.export(request),
+    "export": _export,
     "warm": _warm,
     "search": lambda request, tell: search_answers.search(request),
     "plan": lambda request, tell: plan_answers.plan(request),
