@@ -24,6 +24,8 @@ from drift.apps.serve.answers import (
     plan_answers,
     result_answers,
     search_answers,
+    spill_answers,
+    washup_answers,
 )
 from drift.apps.serve.fields import form, mistakes
 from drift.case import file as case_file
@@ -112,13 +114,10 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     from drift.products.files import geojson
 
     path, text = Path(request["path"]), request["text"]
+    few = {"particles": str(PARTICLES)}
     if "spill" in form.parse_text(text):
-        raise UserError("a first map is for the search of one object; run the forecast of a spill")
-    overrides = {
-        "particles": str(PARTICLES),
-        "output.trajectories": str(DRAWN),
-        "output.areas": AREAS,
-    }
+        few = washup_answers.SKETCH
+    overrides = {**few, "output.trajectories": str(DRAWN), "output.areas": AREAS}
     case = case_file.load_text(path, text, overrides)
     result = flow.run(case, report=tell)
     data, tracks = result.forecast.data, result.trajectories
@@ -137,7 +136,8 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     lon, lat = (sphere.to_degrees(one).round(4) for one in (tracks.lon, tracks.lat))
     return {
         "title": case.title,
-        "words": headline.forecast_headline(data, result.setting.opens),
+        "words": washup_answers.words_of_sketch(result)
+        or headline.forecast_headline(data, result.setting.opens),
         "warnings": list(result.summary["warnings"]),
         "times": times,
         "opens": None if result.setting.opens is None else f"{result.setting.opens}Z",
@@ -149,6 +149,7 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
             "lat": lat.T.tolist(),
             "status": tracks.status.T.astype(int).tolist(),
         },
+        "washup": washup_answers.washup_of_sketch(result),
     }
 
 
@@ -231,6 +232,10 @@ ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
     "note": lambda request, tell: note_answers.note(request),
     "warm": _warm,
     "search": lambda request, tell: search_answers.search(request),
+    "spill": lambda request, tell: spill_answers.spill(request),
+    "spill/turn": lambda request, tell: {"text": form.turn(request["text"], request["spill"])},
+    "washup": lambda request, tell: washup_answers.washup(request),
+    "washup/keep": lambda request, tell: washup_answers.keep_patrol(request),
     "plan": lambda request, tell: plan_answers.plan(request),
     "plan/pos": lambda request, tell: plan_answers.pos(request),
     "plan/keep": lambda request, tell: plan_answers.keep(request),
