@@ -169,6 +169,9 @@ def test_a_search_becomes_a_spill_and_a_search_again() -> None:
     assert process.ANSWERS["check"]({"path": "/x/a.toml", "text": whole}, print) == {"messages": []}
     back = tomllib.loads(form.turn(made, False))
     assert {**back, "particles": 100_000} == before
+    new = form.turn(SEARCH.replace('"Lost"', '"New search"'), True)
+    assert tomllib.loads(new)["title"] == "New spill"
+    assert tomllib.loads(form.turn(new, False))["title"] == "New search"
     template = form.turn(template_text("position"), True)
     assert tomllib.loads(template)["spill"]["class"][0]["name"] == "cargo"
 

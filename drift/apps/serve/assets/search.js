@@ -68,6 +68,11 @@ const TABLES = /** @type {Listed3[]} */ (Object.keys(LISTS));
 // --- from the text to the rows -------------------------------------------------------------------------------------------
 /** Read the searches of the text, and show them. */
 async function refresh() {
+  if (form.is_spill()) { // it has rows of its own
+    own.told = null;
+    drawn.source.clear(true);
+    return;
+  }
   /** @type {Searches} */
   const told = await ask("/api/search", { text: text.value, name: opened.name });
   own.told = told;

@@ -56,13 +56,13 @@ export const open_washup = guarded(async (/** @type {string} */ run, /** @type {
   own.key = key;
   show(told);
   get("story-line").hidden = true; // the class is chosen beside the stretches
-  const sheets = files.filter((name) => /^(patrols(_left_out)?|washup|finds|totals)\.(txt|png|csv)$/.test(name));
-  get("washup-files").replaceChildren(...sheets.map((name) => {
-    return make("li", {}, make("a", { href: file_of(run, key, name), target: "_blank", rel: "noopener noreferrer" }, SHEETS[name] ?? name));
+  const sheets = Object.entries(SHEETS).filter(([name]) => files.includes(name));
+  get("washup-files").replaceChildren(...sheets.map(([name, words]) => {
+    return make("li", {}, make("a", { href: file_of(run, key, name), target: "_blank", rel: "noopener noreferrer" }, words));
   }));
   tab("washup");
+  get("panel").scrollTop = 0;
 });
-/** @type {Record<string, string>} */
 const SHEETS = {
   "patrols.txt": "schedule of the patrols",
   "patrols.png": "sheet of the patrols",
@@ -121,7 +121,7 @@ function draw() {
   });
   for (const { visits, team, time } of told.patrols) {
     for (const { segment } of visits) {
-      lines_of(segment).forEach((line) => patrolled.source.addFeature(shape("line", line, { look: "patrol", width: 16 })));
+      lines_of(segment).forEach((line) => patrolled.source.addFeature(shape("line", line, { look: "patrol", width: 20 })));
       const at = told.stretches.find((one) => one.segment === segment)?.at;
       if (at) marks.source.addFeature(shape("point", [at], { look: "planned_point", label: `${team}, ${group(epoch(time)).slice(0, 6)}Z` }));
     }
@@ -148,6 +148,7 @@ function legend(number) {
     swatch.style.borderTopColor = shade_of(shade);
     return [make("li", {}, swatch, first === last ? ` ${first}` : ` ${first} to ${last}`)];
   });
+  if (own.told?.patrols.length) items.push(make("li", {}, "framed, with a team's name: planned patrol"));
   get("rank-list").replaceChildren(...items);
 }
 
@@ -232,7 +233,7 @@ function list_patrols({ run, patrols, plan }) {
   get("patrol-list").replaceChildren(...patrols.map((patrol) => {
     const visits = patrol.visits.map(({ segment, name, lying, found }) => {
       const k = own.told?.stretches.findIndex((one) => one.segment === segment) ?? -1;
-      const go = k < 0 ? name : button(name, () => choose(k, true), { class: "link" });
+      const go = k < 0 ? name : button(own.told?.stretches[k].name ?? name, () => choose(k, true), { class: "link" });
       return make("li", {}, go, make("p", { class: "soft" }, `${many(found)} found of ${many(lying)} lying there`));
     });
     const keep = button("Keep as carried out", () => keep_patrol(run, patrol.name), { "aria-label": `Keep ${patrol.name} as carried out` });

@@ -80,6 +80,7 @@ OF_SEARCH = {"family": "families", "sortie": "sorties", "contact": "contacts", "
 OF_SPILL = {"find": "finds", "patrol": "patrols", "patrol_unit": "teams"}
 FIRST_CLASS = {"name": "container", "object": {"immersion": [0.6, 0.9]}}
 MADE = {"worlds": 1000, "windage_bias": 0.3}  # of a new spill
+TITLES = ("New search", "New spill")  # of new cases
 
 
 def shares_of_classes(rows: Sequence[Any]) -> list[float] | None:
@@ -241,6 +242,7 @@ def turn_into_spill(node: Any) -> None:
     starts = {start: one[start] for start in STARTS if start in one}
     for key in ("scenario", "particles"):
         nodes.put(node, key, None)
+    _change_title(node, *TITLES)
     made = node["spill"] = nodes.table_beside(node, {**MADE, **starts}, inline=False)
     made["class"] = nodes.list_of_tables(node)
     made["class"].append(_with_inline_tables(node, kind))
@@ -265,8 +267,15 @@ def turn_into_search(node: Any) -> None:
         one["object"] = kinds[0]["object"]
     one |= {start: spill[start] for start in STARTS if start in spill}
     del node["spill"]
+    _change_title(node, *reversed(TITLES))
     node["scenario"] = nodes.list_of_tables(node)
     node["scenario"].append(_with_inline_tables(node, one))
+
+
+def _change_title(node: Any, old: str, new: str) -> None:
+    """Change the title that a new case has."""
+    if node.get("title") == old:
+        node["title"] = new
 
 
 def _check_simple(node: Any, rows: Mapping[str, str], into: str) -> None:

@@ -19,6 +19,11 @@ time,lon,lat
 2026-11-28T02:00:00Z,5.1,53.53
 2026-11-28T04:00:00Z,5.6,53.58
 """
+DROP = """(text) => {
+  const dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File([text], "ais.csv", { type: "text/csv" }));
+  document.body.dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true, cancelable: true }));
+}"""
 PIXEL = """([lon, lat]) => import("/assets/map.js").then(({ chart, map }) =>
   chart.getPixelFromCoordinate(map.forward([lon, lat])))"""
 
@@ -223,15 +228,13 @@ def _check_access(browser: Any, served: Server, size: str, name: str) -> None:
 
 
 def test_a_ship_and_her_track(browser: Any, served: Server) -> None:
-    """A CSV file of the ship's fixes, chosen; then points, typed and clicked; then back to a search."""
+    """A CSV file of the ship's fixes, dropped; then points, typed and clicked; then back to a search."""
     desk = Page(browser, served, "desktop")
     page = desk.page
     desk.press("New search")
     page.get_by_label("Adrift", exact=True).select_option("spill")
     page.get_by_label("Ship's track").check()
-    page.locator("#ship-file").set_input_files(
-        {"name": "ais.csv", "mimeType": "text/csv", "buffer": SHIP.encode()}
-    )
+    page.evaluate(DROP, SHIP)
     until(lambda: desk.tables().get("spill", {}).get("track") == "ais.csv", 60)
     assert (served.folder / "ais.csv").read_text() == SHIP
     type_into(desk, "Time", "280000ZNOV26")
