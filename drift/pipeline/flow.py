@@ -377,7 +377,7 @@ def build_result(job: Job, run: FinishedRun) -> Result:
             *([] if few else summary["warnings"]),
         ]
     summary["warnings"] += environment.warnings(where)
-    summary["warnings"] += run_metadata.object_warnings(case)
+    summary["warnings"] += run_metadata.case_warnings(case)
     if "reports" in summary:
         summary["warnings"] += summary["reports"].pop("warnings")
     if updates is not None:
@@ -723,7 +723,7 @@ def origin(
         )
         run = OutputBundle(
             facts=run_metadata.file_attributes(case, where),
-            warnings=tuple(run_metadata.object_warnings(case)),
+            warnings=tuple(run_metadata.case_warnings(case)),
         )
         end = OutputBundle(
             {"wall_time_s": job.clock.seconds},

@@ -216,12 +216,40 @@ def has_synthetic_forcing(case: Case) -> bool:
 
 
 def caution_banner(case: Case) -> str:
-    """Return the warning banner of every picture: synthetic forcing, or forcing errors set to
-    zero."""
+    """Return the warning banner of every picture: synthetic forcing, or winds and currents without
+    an error."""
     if has_synthetic_forcing(case):
         return "SYNTHETIC wind or current: not for operations"
-    felt = any(scenario.uses_wind for scenario in case.scenarios)
-    return forcing_error.switched_off(case.current_error, case.wind_error if felt else None)
+    exact = _without_error(case)
+    return f"NO ERROR of {' and '.join(exact)} in this forecast" if exact else ""
+
+
+def _without_error(case: Case) -> dict[str, str]:
+    """Return the quantities that move something and have no error, each with the reason: the case
+    says so, or it types them and states none. Members stand for the error of what is typed, and a
+    diffusivity for that of a current.
+    """
+    felt = {
+        "current": _feels_currents(case),
+        "wind": any(scenario.uses_wind for scenario in case.scenarios),
+    }
+    errors = {"current": case.current_error, "wind": case.wind_error}
+    spread = {
+        name: any(spec.members for spec in case.forcing[name])
+        or (name == "current" and case.diffusivity > 0)
+        for name in errors
+    }
+    return {
+        name: error.by[0]
+        for name, error in errors.items()
+        if felt[name]
+        and case.forcing[name]
+        and error.std == error.bias == 0
+        and (
+            error.by[0] == forcing_error.CASE
+            or (error.by[0] == forcing_error.NOWHERE and not spread[name])
+        )
+    }
 
 
 def _errors_sentence(description: str) -> str:
@@ -244,6 +272,29 @@ def _adrift(case: Case) -> list[Scenario]:
         scenario
         for scenario in case.scenarios
         if scenario.itinerary is None or scenario.itinerary.distress is not None
+    ]
+
+
+def case_warnings(case: Case) -> list[str]:
+    """Return warnings about what a case states: winds and currents without an error, and its leeway
+    classes.
+    """
+    return error_warnings(case) + object_warnings(case)
+
+
+def error_warnings(case: Case) -> list[str]:
+    """Return a warning if a case types winds or currents and states no error of them."""
+    typed = [name for name, why in _without_error(case).items() if why == forcing_error.NOWHERE]
+    if has_synthetic_forcing(case) or not typed:
+        return []
+    stated = {
+        "current": 'current = { std = "0.3 m/s", time = "11 h" }',
+        "wind": 'wind = { std = "2 m/s", time = "12 h" }',
+    }
+    return [
+        f"this forecast takes its {' and '.join(typed)} as exact, so its areas are too small: they are not from "
+        f"model files, and the case states no error. State one in [uncertainty], as "
+        f'{" and ".join(stated[name] for name in typed)}; "none" accepts that there is none (docs/errors.md)'
     ]
 
 
@@ -289,16 +340,19 @@ def drifts(case: Case) -> bool:
     )
 
 
+def _feels_currents(case: Case) -> bool:
+    return drifts(case) or any(
+        scenario.itinerary is not None and scenario.itinerary.currents == "felt"
+        for scenario in case.scenarios
+    )
+
+
 def describe_errors(case: Case) -> str:
     """Return a line on the current and wind errors of a run and their source; "" if none is
     felt."""
-    adrift = drifts(case)
-    if not (
-        adrift
-        or any(s.itinerary is not None and s.itinerary.currents == "felt" for s in case.scenarios)
-    ):
+    if not _feels_currents(case):
         return ""
-    wind = case.wind_error if adrift and case.forcing["wind"] else None
+    wind = case.wind_error if drifts(case) and case.forcing["wind"] else None
     description = forcing_error.errors_in_words(
         case.current_error, wind, case.diffusivity, case.diffusivity_by
     )

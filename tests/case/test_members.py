@@ -119,7 +119,8 @@ def test_the_fastest_of_the_members_sets_the_domain(tmp_path: Path) -> None:
 def test_the_spread_of_members_stands_for_the_default_error(tmp_path: Path) -> None:
     """Unless the case states one, which is added to it, or switches it off."""
     ocean = file(tmp_path)
-    silent = load(tmp_path, ocean)
+    wind = '[uncertainty]\nwind = { std = "2 m/s" }\n'
+    silent = load(tmp_path, ocean, more=wind)
     assert silent.current_error.std == 0
     assert silent.current_error.by[0] == MEMBERS
     assert (
@@ -127,12 +128,12 @@ def test_the_spread_of_members_stands_for_the_default_error(tmp_path: Path) -> N
         in run_metadata.describe_errors(silent)
     )
     assert not run_metadata.caution_banner(silent)
-    stated = load(tmp_path, ocean, more='[uncertainty]\ncurrent = { std = "0.1 m/s" }')
+    stated = load(tmp_path, ocean, more=wind + 'current = { std = "0.1 m/s" }')
     assert stated.current_error.std == pytest.approx(0.1)
     assert run_metadata.describe_errors(stated).endswith(
         "; added to the spread of the members of the current"
     )
-    none = load(tmp_path, ocean, more='[uncertainty]\ncurrent = "none"')
+    none = load(tmp_path, ocean, more=wind + 'current = "none"')
     assert run_metadata.caution_banner(none) == "NO ERROR of current in this forecast"
     one = load(tmp_path, ocean.replace("members = true", "variables = { number = 0 }"))
     assert one.current_error.by[0] == DEFAULT

@@ -93,9 +93,11 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         else "none in the domain",
     }
     lines = {name: text for name, text in lines.items() if text}
-    lines |= {
-        f"leeway, note {k}": note for k, note in enumerate(run_metadata.object_warnings(case), 1)
-    }
+    for about, notes in (
+        ("errors", run_metadata.error_warnings(case)),
+        ("leeway", run_metadata.object_warnings(case)),
+    ):
+        lines |= {f"{about}, note {k}": note for k, note in enumerate(notes, 1)}
     lines |= {f"coast, note {k}": note for k, note in enumerate(environment.notes, 1)}
     lines |= {
         f"{source.quantity} {source.name}": _source(case, source) for source in environment.sources

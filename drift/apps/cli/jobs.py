@@ -100,7 +100,7 @@ def origin(args: argparse.Namespace) -> Answer:
 
         release = flow.origin(case, out, **options)
     found = backward.summary_of_origin(release)
-    warnings = [*backward.origin_warnings(release), *run_metadata.object_warnings(case)]
+    warnings = [*backward.origin_warnings(release), *run_metadata.case_warnings(case)]
     numbers = {"origin": found, "warnings": warnings}
     return Answer(case.title, outcome.origin(found, warnings), (f"Results in {out}",), numbers, out)
 

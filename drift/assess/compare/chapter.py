@@ -41,10 +41,15 @@ PICTURES: dict[str, Callable[[ComparisonOutputs, Path], None]] = {
 }
 
 
+def _gravity(caution: str) -> tuple[bool, int]:
+    return caution.startswith("SYNTHETIC"), len(caution)
+
+
 def setting(found: Contrast, jobs: tuple[Job, Job]) -> Setting:
     """Return the map setting of a comparison; jobs: of A and of B."""
     on = run_metadata.map_setting(jobs[0].case, jobs[0].where)
-    caution = run_metadata.caution_banner(jobs[0].case) or run_metadata.caution_banner(jobs[1].case)
+    # there is room for one: the gravest
+    caution = max((run_metadata.caution_banner(job.case) for job in jobs), key=_gravity)
     imprint = replace(
         on.imprint, title=found.title, attributes=_attributes(found, jobs), caution=caution
     )

@@ -68,5 +68,5 @@ def verification_bundle(verification: Verification) -> OutputBundle:
         bind_outputs(FILES, outputs),
         bind_outputs(PICTURES, outputs),
         attributes,
-        tuple(run_metadata.object_warnings(case)),
+        tuple(run_metadata.case_warnings(case)),
     )

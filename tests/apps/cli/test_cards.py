@@ -167,7 +167,8 @@ def test_auto_says_in_a_line_what_it_took(command: str, shell: Command, tmp_path
 
 
 def test_auto_is_silent_where_that_is_asked(shell: Command) -> None:
-    quiet = shell("run", "case.toml", "--backend", "auto", "--out", "quiet", "--quiet")
+    given = ["--out", "quiet", "--quiet", "--set", "uncertainty=none"]
+    quiet = shell("run", "case.toml", "--backend", "auto", *given)
     assert (quiet.returncode, quiet.stderr) == (0, "")
 
 

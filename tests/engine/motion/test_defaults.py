@@ -4,6 +4,7 @@ do, and where a run prints them.
 
 import itertools
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import xarray as xr
 from silent_case import HEAD, RAFT, load
 
 import drift
+from drift.apps.check import check
 from drift.apps.cli.commands import main
 from drift.case.forcing import uncertainty
 from drift.engine.motion.errors.forcing_error import ForcingError
@@ -228,18 +230,25 @@ def test_what_is_no_error_is_refused_in_a_line(tmp_path, key, value, message) ->
     assert len(refusal.value.lines) == 1 + ("bias" in key and "wind" in key)
 
 
+STATED = {"uncertainty.wind": '{ std = "2 m/s" }'}
+SMALL = {"uncertainty.current": '{ std = "0 m/s", bias = "0.1 m/s" }'}
+
+
 @pytest.mark.parametrize(
     ("object", "changes", "banner"),
     [
+        ("water", {}, ""),
         ("water", {"uncertainty": "none"}, "NO ERROR of current in this forecast"),
         ("raft", {"uncertainty": "none"}, "NO ERROR of current and wind in this forecast"),
         ("raft", {"uncertainty.wind": "none"}, "NO ERROR of wind in this forecast"),
-        ("raft", {"uncertainty.current": "none"}, "NO ERROR of current in this forecast"),
-        ("raft", {"uncertainty.current": '{ std = "0 m/s", bias = "0.1 m/s" }'}, ""),
-        ("raft", {}, ""),
+        ("raft", {"uncertainty.current": "none"}, "NO ERROR of current and wind in this forecast"),
+        ("raft", STATED | {"uncertainty.current": "none"}, "NO ERROR of current in this forecast"),
+        ("raft", STATED | SMALL, ""),
+        ("raft", STATED, ""),
+        ("raft", {}, "NO ERROR of wind in this forecast"),  # which is typed
     ],
 )
-def test_errors_that_a_case_switches_off_stand_on_a_banner(
+def test_winds_and_currents_without_an_error_stand_on_a_banner(
     tmp_path, object, changes, banner
 ) -> None:
     text = sources(tmp_path) + (
@@ -247,6 +256,39 @@ def test_errors_that_a_case_switches_off_stand_on_a_banner(
     )
     (tmp_path / "trial.toml").write_text(text)
     assert run_metadata.caution_banner(drift.load(tmp_path / "trial.toml", changes)) == banner
+
+
+def test_the_errors_that_a_warning_names_end_it(tmp_path) -> None:
+    """It stands in the results and in what check prints, and "none" accepts that there is none."""
+    typed = sources(tmp_path, current="constant") + RAFT
+    warning = drift.run(load(tmp_path, typed)).summary["warnings"][0]
+    assert warning.startswith("this forecast takes its current and wind as exact")
+    assert check.check(load(tmp_path, typed))["errors, note 1"] == warning
+    stated = re.search(r"as (current = .*}) and (wind = .*});", warning).groups()
+    mended = load(tmp_path, f"{typed}\n[uncertainty]\n" + "\n".join(stated))
+    assert (mended.current_error.std, mended.wind_error.std) == (0.3, 2.0)
+    assert not run_metadata.caution_banner(mended)
+    for accepted in (mended, load(tmp_path, typed, uncertainty="none")):
+        assert not run_metadata.case_warnings(accepted)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "exact"),
+    [
+        # a diffusivity and members stand for the error of the current
+        (RAFT, f'{RAFT}[uncertainty]\ndiffusivity = "3 m2/s"\n', "wind"),
+        (
+            KINDS["constant"][0],
+            f"members = [{{ {KINDS['constant'][0]} }}, {{ constant = {{ east = 0, north = 1 }} }}]",
+            "wind",
+        ),
+        ('{ windage = "3 %" }', '"water"', "current"),  # which feels no wind
+    ],
+)
+def test_only_what_is_felt_and_has_no_other_spread_is_warned_of(tmp_path, old, new, exact) -> None:
+    text = sources(tmp_path, current="constant") + RAFT
+    (warning,) = run_metadata.case_warnings(load(tmp_path, text.replace(old, new, 1)))
+    assert warning.startswith(f"this forecast takes its {exact} as exact,")
 
 
 @pytest.mark.thorough

@@ -70,18 +70,6 @@ class Errors:
         return replace(self, current=replace(self.current, bias=0.0))
 
 
-def switched_off(current: ForcingError, wind: ForcingError | None) -> str:
-    """Return a warning if the case itself sets the error of winds or currents to zero; otherwise
-    "".
-    """
-    off = [
-        name
-        for name, error in (("current", current), ("wind", wind))
-        if error is not None and error.std == error.bias == 0 and error.by[0] == CASE
-    ]
-    return f"NO ERROR of {' and '.join(off)} in this forecast" if off else ""
-
-
 def errors_in_words(
     current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str
 ) -> str:
