@@ -30,17 +30,31 @@ from drift.apps.serve.jobs import KINDS, Job, Jobs, Limits
 from drift.apps.serve.routes.export_routes import ExportRoutes
 from drift.apps.serve.routes.form_routes import FormRoutes
 from drift.apps.serve.routes.search_routes import SearchRoutes
+from drift.apps.serve.routes.spill_routes import SpillRoutes
 from drift.apps.serve.users import Secret, User
 from drift.apps.serve.webhook import Webhook
 from drift.case import file as case_file
 from drift.case import template
 from geo.files import fence
 
-PAGE = ("changes", "desk", "editor", "export", "form", "kit", "map", "people", "refine", "sources")
+PAGE = (
+    "changes",
+    "desk",
+    "editor",
+    "export",
+    "files",
+    "form",
+    "kit",
+    "map",
+    "people",
+    "refine",
+    "sources",
+)
 SEARCH = ("drawn", "plan", "results", "rows", "search", "searches")
+SPILL = ("spill", "spills", "washup")
 ASSETS = {
     "desk.css": ("drift.apps.serve", "text/css"),
-    **{f"{name}.js": ("drift.apps.serve", "text/javascript") for name in (*PAGE, *SEARCH)},
+    **{f"{name}.js": ("drift.apps.serve", "text/javascript") for name in (*PAGE, *SEARCH, *SPILL)},
     # the look and the map of report.html
     **dict.fromkeys(("ol.css", "page.css"), ("drift.products.report", "text/css")),
     **{
@@ -457,6 +471,7 @@ def make(
         *form.routes(),
         *search.routes(),
         *exports.routes(),
+        *SpillRoutes(folder, form).routes(),
         Operation("GET", "/api/openapi.json", openapi, api.OBJECT),
     ]
     reads = api.open_to_guests(routes)

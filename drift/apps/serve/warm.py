@@ -27,6 +27,10 @@ PATIENCE = {  # [s]
     "set": 10.0,
     "check": 10.0,
     "search": 10.0,
+    "spill": 20.0,
+    "spill/turn": 10.0,
+    "washup": 60.0,
+    "washup/keep": 20.0,
     "plan": 20.0,
     "plan/keep": 20.0,
     "plan/pos": 180.0,  # the first one follows the particles

@@ -159,6 +159,18 @@ def stretch_of_find(find: Find, segments: Segments, coast: Coast) -> int:
     """
     if find.stretch is not None:
         return stretch_by_name(find.stretch, find.name, segments)
+    check_place_of_find(find, coast)
+    if find.at_sea:
+        return -1
+    return stretches.nearest_segment(segments, coast, find.lon, find.lat)[0]
+
+
+def check_place_of_find(find: Find, coast: Coast) -> float:
+    """Return the distance of a find ashore from the shoreline [m]; 0 at sea.
+
+    Raises:
+        UserError: as `stretch_of_find`; the find has a position.
+    """
     binary = sphere.to_binary([find.lon]), sphere.to_binary([find.lat])
     land = bool(shoreline.is_land(coast, *binary)[0])
     if find.at_sea:
@@ -167,7 +179,7 @@ def stretch_of_find(find: Find, segments: Segments, coast: Coast) -> int:
                 f"{find.name}: {notation.stated_position(find.lon, find.lat)} is not at sea but "
                 "on land; leave out at_sea, or move it"
             )
-        return -1
+        return 0.0
     near = shoreline.nearest_coast(coast, find.lon, find.lat)
     if near is None:
         raise UserError(
@@ -183,7 +195,7 @@ def stretch_of_find(find: Find, segments: Segments, coast: Coast) -> int:
             f"{notation.position(near[0], near[1])}, and a find ashore must lie within "
             f"{FARTHEST / 1000:.0f} km of it; {cure}"
         )
-    return stretches.nearest_segment(segments, coast, find.lon, find.lat)[0]
+    return near[2]
 
 
 def stretch_by_name(name: str, place: str, segments: Segments) -> int:

@@ -26,6 +26,8 @@ from drift.apps.serve.answers import (
     plan_answers,
     result_answers,
     search_answers,
+    spill_answers,
+    washup_answers,
 )
 from drift.apps.serve.fields import form, mistakes
 from drift.case import file as case_file
@@ -130,13 +132,10 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     from drift.products.files import geojson
 
     path, text = Path(request["path"]), request["text"]
+    few = {"particles": str(PARTICLES)}
     if "spill" in form.parse_text(text):
-        raise UserError("a first map is for the search of one object; run the forecast of a spill")
-    overrides = {
-        "particles": str(PARTICLES),
-        "output.trajectories": str(DRAWN),
-        "output.areas": AREAS,
-    }
+        few = washup_answers.SKETCH
+    overrides = {**few, "output.trajectories": str(DRAWN), "output.areas": AREAS}
     case = case_file.load_text(path, text, overrides)
     case = replace(case, outputs=few_outputs(case.outputs, case.opens))
     result = flow.run(case, report=tell)
@@ -158,7 +157,8 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         "title": case.title,
         "number": case.particles,
         **result_answers.probabilities(data, len(times)),
-        "words": headline.forecast_headline(data, result.setting.opens),
+        "words": washup_answers.words_of_sketch(result)
+        or headline.forecast_headline(data, result.setting.opens),
         "warnings": list(result.summary["warnings"]),
         "times": times,
         "opens": None if result.setting.opens is None else f"{result.setting.opens}Z",
@@ -170,6 +170,7 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
             "lat": lat.T.tolist(),
             "status": tracks.status.T.astype(int).tolist(),
         },
+        "washup": washup_answers.washup_of_sketch(result),
     }
 
 
@@ -264,6 +265,10 @@ ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
     "export": _export,
     "warm": _warm,
     "search": lambda request, tell: search_answers.search(request),
+    "spill": lambda request, tell: spill_answers.spill(request),
+    "spill/turn": lambda request, tell: {"text": form.turn(request["text"], request["spill"])},
+    "washup": lambda request, tell: washup_answers.washup(request),
+    "washup/keep": lambda request, tell: washup_answers.keep_patrol(request),
     "plan": lambda request, tell: plan_answers.plan(request),
     "plan/pos": lambda request, tell: plan_answers.pos(request),
     "plan/keep": lambda request, tell: plan_answers.keep(request),

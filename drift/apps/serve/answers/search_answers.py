@@ -22,7 +22,7 @@ from geo.array import Array
 from geo.errors import UserError
 from geo.notation import NMI
 
-OF_ROW = re.compile(r"(sortie|contact|unit)\.(\d+)(?:\.|$)")
+OF_ROW = re.compile(r"(sortie|contact|unit|find|patrol|patrol_unit)\.(\d+)(?:\.|$)")
 DIGITS = 5  # of a degree: a metre
 
 
@@ -40,7 +40,7 @@ def search(request: Mapping[str, Any]) -> dict[str, Any]:
     data = form.parse_text(text)
     told = search_fields.read_rows(data)
     found: dict[str, dict[int, Any]] = {"sortie": {}, "contact": {}}
-    case = _readable(path, text)
+    case = readable_case(path, text)
     if case is not None:
         numbers = {table: _numbers(data, table) for table in found}
         for sortie in case.sorties:
@@ -54,7 +54,7 @@ def search(request: Mapping[str, Any]) -> dict[str, Any]:
     return {**told, "shapes": found, "search_objects": list(sweep_width.objects())}
 
 
-def _readable(path: Path, text: str) -> Case | None:
+def readable_case(path: Path, text: str) -> Case | None:
     """Return the case of a text without the rows that have mistakes; None if it has others."""
     try:
         return case_file.load_text(path, text)

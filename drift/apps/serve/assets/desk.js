@@ -9,6 +9,8 @@ import { export_part } from "./export.js";
 import { begin_run, refine } from "./refine.js";
 import { clear_result, show_result } from "./results.js";
 import * as search from "./search.js";
+import * as spill from "./spill.js";
+import { close_washup, open_washup } from "./washup.js";
 
 const own = {
   lists: /** @type {Map<string, string>} */ (new Map()), // as they were told last, by id
@@ -83,7 +85,7 @@ function run_row(run) {
     run.took ? `in ${span(run.took)}` : "",
     run.name,
   ];
-  const mapped = ["forecast", "plan"].includes(run.kind) && run.files.some((one) => one.name === "contours.geojson");
+  const mapped = ["forecast", "plan", "patrols"].includes(run.kind) && run.files.some((one) => one.name === "contours.geojson");
   const files = run.files.map((one) => make("li", {}, file(one.name, one.name), " ", make("small", {}, bytes(one.bytes))));
   return make("li", {},
     make("p", { class: "name" }, run.report ? file("report.html", title) : title,
@@ -126,7 +128,9 @@ function open_text(name, words, digest) {
   lay(name, words, digest);
   close_plan();
   clear_result();
+  close_washup();
   search.begin();
+  spill.begin();
   return begin();
 }
 
@@ -245,10 +249,13 @@ const on_map = guarded(async (/** @type {string} */ name) => {
   const run = runs.find((one) => one.name === name);
   if (!run) throw new Error(`${name} is not in the folder any more`);
   const its_case = `${name.replace(/-plan(-\d+)?$/, "")}.toml`;
-  if (run.kind === "plan" && opened.name === null && cases.some((one) => one.name === its_case)) await open_saved(its_case);
+  if (["plan", "patrols"].includes(run.kind) && opened.name === null && cases.some((one) => one.name === its_case)) await open_saved(its_case);
   await show_result(run, runs);
-  if (run.kind === "plan") await open_plan(run.name, run.key, run.files.map((one) => one.name));
+  const files = run.files.map((one) => one.name);
+  if (run.kind === "plan") await open_plan(run.name, run.key, files);
   else close_plan();
+  if (files.includes("washup.nc")) await open_washup(run.name, run.key, files);
+  else close_washup();
 });
 
 /**

@@ -5,6 +5,12 @@ import { chart, map } from "./map.js";
 const theme = () => (document.documentElement.dataset.theme === "dark" ? "dark" : "light");
 
 /**
+ * Return a colour of graded shapes, from the least (0) to the most.
+ * @param {number} shade
+ */
+export const shade_of = (shade) => (theme() === "dark" ? [...SEQUENCE].reverse() : SEQUENCE)[shade];
+
+/**
  * Make a layer of the map whose shapes have a look and a label.
  * @param {number} order
  */
@@ -15,7 +21,9 @@ export function layer_of(order) {
     zIndex: order,
     updateWhileAnimating: true,
     style: (feature) => {
-      const now = { theme: theme(), strong: Boolean(feature.get("strong")), label: feature.get("label") };
+      const shade = /** @type {number | undefined} */ (feature.get("shade"));
+      const colour = shade === undefined ? undefined : shade_of(shade);
+      const now = { theme: theme(), strong: Boolean(feature.get("strong")), label: feature.get("label"), width: feature.get("width"), colour };
       const look = feature.get("look");
       return now.label ? [...styled(look, now), ...titled(look, now)] : styled(look, now);
     },

@@ -16,8 +16,10 @@ const own = {
   sketching: /** @type {object | null} */ (null),
   draft: /** @type {Set<SourceName>} */ (new Set()), // sources that are being typed
   messages: /** @type {Message[]} */ ([]),
+  more: /** @type {Message[]} */ ([]), // of places that only the page checks
   told: /** @type {((at: Point) => void) | null} */ (null), // takes the place that is clicked
   followers: /** @type {(() => Promise<void>)[]} */ ([]),
+  sketches: /** @type {((told: Sketch) => void)[]} */ ([]), // who hears of a first map
 };
 /** @type {DriftObject[]} */
 let objects = [];
@@ -28,7 +30,9 @@ const FIELDS = all("[data-field]");
 const KNOWN = all("[name=known]");
 
 /** @param {string} field */
-const numbered = (field) => field.replace("*", String(own.scenario));
+const numbered = (field) => field.replace("scenario.*", own.form?.spill ? "spill" : `scenario.${own.scenario}`);
+/** Whether the open case is of a spill. */
+export const is_spill = () => Boolean(own.form?.spill);
 /** @param {HTMLElement} element */
 const name_of = (element) => numbered(element.dataset.field ?? "");
 /** @param {HTMLElement} element */
@@ -86,8 +90,16 @@ const refresh = guarded(async () => {
   if (mine !== own.asked) return;
   /** @type {{messages: Message[]}} */
   const told = await ask("/api/check", { text: words, name: opened.name });
-  if (mine === own.asked) complain(told.messages);
+  if (mine === own.asked) complain([...told.messages, ...own.more]);
 });
+
+/**
+ * Show messages beside those of the check, from the next one on.
+ * @param {Message[]} messages
+ */
+export function also_wrong(messages) {
+  own.more = messages;
+}
 
 /**
  * Call something whenever the text has changed and can be read.
@@ -95,6 +107,14 @@ const refresh = guarded(async () => {
  */
 export function follow(follower) {
   own.followers.push(follower);
+}
+
+/**
+ * Call something whenever a first map is shown.
+ * @param {(told: Sketch) => void} follower
+ */
+export function follow_sketch(follower) {
+  own.sketches.push(follower);
 }
 
 /** @param {Form} form */
@@ -110,7 +130,7 @@ function fill({ fields, unknown, scenarios }) {
   get("picker").value = start ? String(start).slice(0, 16) : "";
   for (const what of sources.SOURCES) fill_source(what, fields[what]);
   /** @param {string} key */
-  const part = (key) => fields[`scenario.${own.scenario}.${key}`] ?? {};
+  const part = (key) => fields[numbered(`scenario.*.${key}`)] ?? {};
   const has = ["position.at", "trackline.waypoints", "area.polygon"].find((key) => part(key).value || part(key).in_text);
   if (has) show_known(has.split(".")[0]);
   get("unknown").textContent = unknown.length ? `Also set, in the text: ${unknown.join(", ")}.` : "";
@@ -177,8 +197,8 @@ function keep_focus(work) {
   if (label && document.activeElement === document.body) all(`#form [aria-label="${CSS.escape(label)}"]`)[0]?.focus();
 }
 
-/** @param {string} which what is known of the place: position, trackline or area */
-function show_known(which) {
+/** @param {string} which what is known of the place: position, trackline, area or track */
+export function show_known(which) {
   for (const radio of KNOWN) radio.checked = radio.value === which;
   for (const part of all("[data-known]")) part.hidden = part.dataset.known !== which;
 }
@@ -211,7 +231,7 @@ function complain(messages) {
     element.setAttribute("aria-invalid", "true");
     element.setAttribute("aria-describedby", id);
     element.closest("details")?.setAttribute("open", "");
-    at.after(make("p", { class: "wrong beside", id }, message.replace(/^(scenario "[^"]*"|\w+ "[^"]*")[\w. ]*: /, "")));
+    at.after(make("p", { class: "wrong beside", id }, message.replace(/^(scenario "[^"]*"|[\w.]+ ("[^"]*"|\d+)|spill)[\w. ]*: /, "")));
   });
   get("messages").replaceChildren(...others);
 }
@@ -373,6 +393,7 @@ export const first_map = guarded(async () => {
     get("headline").classList.toggle("old", words !== text.value);
     const shown = { ...told, looks: looks_of(told.statuses) };
     sea.show(shown);
+    for (const follower of own.sketches) follower(told);
     const took = ((performance.now() - begun) / 1000).toFixed(1);
     get("headline").textContent = `First map, ${told.number.toLocaleString("en")} particles: ${told.words} (${took} s)`;
     get("headline").dataset.seconds = took;
@@ -410,7 +431,7 @@ export function show_areas(title, areas, more = {}, keep = false) {
 
 /** Fill the form from a text that was just opened in the editor. */
 export const begin = guarded(async () => {
-  Object.assign(own, { scenario: 0, fits: "", form: null, sketched: "", sketching: null });
+  Object.assign(own, { scenario: 0, fits: "", form: null, sketched: "", sketching: null, more: [] });
   own.draft.clear();
   for (const what of sources.SOURCES) sources.rows(what, null);
   show_known("position");

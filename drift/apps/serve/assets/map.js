@@ -168,7 +168,7 @@ function middle_of_view() {
  * @param {number} metres
  * @returns {Point[]}
  */
-function circle([lon, lat], metres) {
+export function circle([lon, lat], metres) {
   return Array.from({ length: 65 }, (_, k) => {
     const angle = (k * Math.PI) / 32;
     const north = (metres * Math.cos(angle)) / R / RAD;
@@ -265,7 +265,11 @@ export function pick(told) {
   target.classList.toggle("picking", Boolean(told));
   target.classList.toggle("aimed", Boolean(told) && document.activeElement === target);
 }
-chart.on("singleclick", (event) => picked?.(inverse(event.coordinate)));
+chart.on("singleclick", (event) => {
+  if (!picked) return;
+  event.stopPropagation(); // the click chooses nothing else
+  picked(inverse(event.coordinate));
+});
 target.addEventListener("focus", () => target.classList.toggle("aimed", Boolean(picked) && target.matches(":focus-visible")));
 target.addEventListener("keydown", (event) => {
   if (event.key !== "Enter" || !picked) return;

@@ -5,6 +5,7 @@ import { first_map } from "./form.js";
 import { ask, button, get, guarded } from "./kit.js";
 import * as sea from "./map.js";
 import { chosen_scenario, clear_result, show_result } from "./results.js";
+import { close_washup, open_washup } from "./washup.js";
 
 const PATIENCE = 3000; // [ms] that the full run waits for the first map: both need the same cores
 /** @typedef {{job: number, first: Sketch | null, told: Shown | null, scenario: string | null}} Refined */
@@ -52,16 +53,28 @@ export const refine = guarded(async (/** @type {Job} */ job) => {
   if (sea.shown.told === told && opened.name === job.case) {
     const now = sea.shown.times[sea.shown.index];
     const result = await show_result(run, runs, { keep: Boolean(told), scenario });
+    await stretches(run);
     const words = first && result && now !== undefined ? `, ${changes(first, result, now)}` : ".";
     get("changed").textContent = `The full run has ended: this is its result${words}`;
     return;
   }
   const show = button("Show it on the map", async () => {
     await show_result(run, runs);
+    await stretches(run);
     get("changed").textContent = "";
   });
   get("changed").replaceChildren(`The full run of ${job.case} has ended. `, show);
 });
+
+/**
+ * Show the stretches of coast of a spill's result.
+ * @param {Run} run
+ */
+async function stretches(run) {
+  const files = run.files.map((one) => one.name);
+  if (files.includes("washup.nc")) await open_washup(run.name, run.key, files);
+  else close_washup();
+}
 
 /** @param {Job} job */
 function at_work({ state, share, took }) {

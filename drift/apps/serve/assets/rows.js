@@ -1,5 +1,5 @@
 // Rows of the step "Search": the inputs of one table of the case, which stay the same elements while the table keeps its fields.
-import { button, make } from "./kit.js";
+import { all, button, make } from "./kit.js";
 
 /**
  * Return a label with its input.
@@ -23,14 +23,16 @@ function input_of(field, spec, tools) {
     const input = make("input", { id, type: "checkbox", "data-own": field });
     listen(input, () => input.checked);
     place.append(input, " ", label);
-  } else if (spec.kind === "places") {
-    const input = make("textarea", { id, rows: 4, "data-own": field });
+  } else if (spec.kind === "places" || spec.kind === "fixes" || spec.kind === "lines") {
+    const input = make("textarea", { id, rows: 4, "data-own": field, placeholder: spec.hint ?? null });
     listen(input, () => (input.value.trim() ? lines_of(input.value) : null));
-    place.append(label, input, picker(field, spec, tools, (at) => [...lines_of(input.value), at]));
+    place.append(label, input);
+    const end = spec.kind === "fixes" ? ", " : ""; // its time is to be typed
+    if (spec.kind !== "lines") place.append(picker(field, spec, tools, (at) => [...lines_of(input.value), `${at}${end}`]));
   } else {
     const number = spec.kind === "number" || spec.kind === "degrees";
     const input = make("input", { id, size: spec.kind === "place" ? 22 : spec.size ?? 5, "data-own": field, placeholder: spec.hint ?? null, inputmode: number ? "decimal" : null });
-    listen(input, () => (number ? number_of(input.value) : input.value.trim() || null));
+    listen(input, () => (spec.kind === "range" ? range_of(input.value) : number ? number_of(input.value) : input.value.trim() || null));
     place.append(label, " ", input, spec.kind === "degrees" ? "° true" : "");
     if (spec.kind === "place") place.append(" ", picker(field, spec, tools, (at) => at));
   }
@@ -46,7 +48,7 @@ function input_of(field, spec, tools) {
  */
 function picker(field, spec, tools, value) {
   const words = `${spec.label}: click on the map`;
-  const work = () => tools.pick(field, (at) => tools.set([{ field, value: value(at) }]), spec.kind === "places");
+  const work = () => tools.pick(field, (at) => tools.set([{ field, value: value(at) }]), spec.kind !== "place");
   return button("Click on the map", work, { "data-pick": field, "aria-pressed": "false", "aria-label": words });
 }
 
@@ -57,6 +59,12 @@ const lines_of = (words) => words.split("\n").map((one) => one.trim()).filter(Bo
 function number_of(words) {
   const plain = words.trim();
   return plain === "" ? null : Number.isFinite(Number(plain)) ? Number(plain) : plain;
+}
+
+/** @param {string} words @returns {Value} one number or quantity, or the lowest and highest of "2 to 20" */
+function range_of(words) {
+  const parts = words.split(/\s+to\s+/).map(number_of);
+  return parts.length === 2 ? /** @type {Value} */ (parts) : number_of(words);
 }
 
 /**
@@ -91,8 +99,82 @@ export function fill_inputs(inside, prefix, specs, row) {
       if (![...input.options].some((one) => one.value === words)) input.append(make("option", { value: words }, words));
       input.value = words;
     } else if (input !== document.activeElement || hidden) {
-      const words = Array.isArray(value) ? value.join("\n") : String(value ?? "");
+      const words = Array.isArray(value) ? value.join(spec.kind === "range" ? " to " : "\n") : String(value ?? "");
       input.value = hidden ? "set in the text" : words;
     }
   }
+}
+
+/**
+ * Return a choice between sets of fields, and the inputs of the one that the row has.
+ * @param {string} prefix
+ * @param {string} label
+ * @param {Variant[]} variants the first is that of a row that has none of their keys
+ * @param {Values} values
+ * @param {RowTools} tools
+ */
+export function variants_of(prefix, label, variants, values, tools) {
+  const now = chosen(variants, values);
+  const choice = make("select", { id: `own-${prefix.replaceAll(".", "-")}-${variants[0].id}` });
+  choice.append(...variants.map((one) => make("option", { value: one.id }, one.words)));
+  choice.value = now.id;
+  choice.addEventListener("change", () => {
+    const begin = variants.find((one) => one.id === choice.value)?.begin(values) ?? {};
+    const before = variants.flatMap((one) => one.fields.map(({ key }) => key)).filter((key) => key in values && !(key in begin));
+    const changes = [...new Set(before)].map((key) => ({ field: `${prefix}.${key}`, value: /** @type {Value} */ (null) }));
+    for (const [key, value] of Object.entries(begin)) changes.push({ field: `${prefix}.${key}`, value });
+    if (changes.length) tools.set(changes);
+  });
+  return [make("p", {}, make("label", { for: choice.id }, label), " ", choice), ...inputs_of(prefix, now.fields, tools)];
+}
+
+/** @param {Variant[]} variants @param {Values} values */
+export const chosen = (variants, values) => variants.find((one) => one.fits(values)) ?? variants[0];
+
+/**
+ * Return a list of rows in a place of the page. Its elements stay while the tables keep their fields.
+ * @param {HTMLElement} place
+ * @param {RowList} spec
+ * @param {RowTools} tools
+ */
+export function list_of(place, spec, tools) {
+  const own = { built: "", open: /** @type {number | null} */ (null) };
+  /** @param {Row} row @param {number} k */
+  const name_of = ({ values }, k) => String(values.name ?? `${spec.stem} ${k + 1}`);
+  /** @param {Row} row @param {number} k @param {boolean} open */
+  const item_of = (row, k, open) => {
+    const prefix = `${spec.table}.${k}`;
+    const box = make("details", { "data-row": prefix, open }, make("summary", {}), ...spec.inputs(prefix, row));
+    if (row.in_text.length) box.append(make("p", { class: "soft" }, `Also set, in the text: ${row.in_text.join(", ")}.`));
+    const { look } = spec;
+    box.append(make("p", { class: "line" }, look ? button("Show on the map", () => look(k), { "aria-label": `Show ${name_of(row, k)} on the map` }) : null,
+      button("Remove", () => tools.set([{ field: prefix, value: null }]), { "aria-label": `Remove ${name_of(row, k)}` })));
+    return make("li", {}, box);
+  };
+  return {
+    /** Build the list again, and open a row of it. @param {number | null} [open] */
+    again: (open = null) => Object.assign(own, { built: "", open }),
+    /** @param {Row[]} rows */
+    show(rows) {
+      const sign = JSON.stringify([rows.map((row) => [spec.sign(row), row.in_text]), tools.files()]);
+      if (own.built !== sign) {
+        own.built = sign;
+        const focus = document.activeElement instanceof HTMLElement ? document.activeElement : null;
+        const [field, id] = [focus?.dataset.own, focus?.id];
+        const open = new Set(all("details[open]", place).map((one) => one.dataset.row));
+        if (own.open !== null) open.add(`${spec.table}.${own.open}`);
+        own.open = null;
+        place.replaceChildren(...rows.map((row, k) => item_of(row, k, open.has(`${spec.table}.${k}`))));
+        if (!rows.length) place.append(make("li", { class: "soft" }, spec.empty));
+        if (field && document.activeElement === document.body) all(`[data-own="${CSS.escape(field)}"]`)[0]?.focus();
+        else if (id && document.activeElement === document.body) document.getElementById(id)?.focus();
+      }
+      rows.forEach((row, k) => {
+        const item = place.children[k];
+        fill_inputs(item, `${spec.table}.${k}`, spec.fields(row.values), row);
+        const words = spec.heading(row, k).filter(Boolean).join(", ");
+        item.querySelector("summary")?.replaceChildren(make("strong", {}, name_of(row, k)), words ? `: ${words}` : "");
+      });
+    },
+  };
 }

@@ -1,18 +1,16 @@
 // The step "Search": what was searched, what was seen, and the units and times of the plan, each a row of the case.
 import { layer_of, search_shapes, shape } from "./drawn.js";
 import { opened, tab, text } from "./editor.js";
+import { dropped, saved } from "./files.js";
 import * as form from "./form.js";
-import { all, ask, button, get, guarded, make, Rejected } from "./kit.js";
+import { all, ask, get, guarded, make } from "./kit.js";
 import * as sea from "./map.js";
-import { fill_inputs, inputs_of } from "./rows.js";
+import { fill_inputs, inputs_of, list_of } from "./rows.js";
 import * as words from "./searches.js";
 
-const LARGEST = 2 ** 20; // [bytes] of a track
 const own = {
   told: /** @type {Searches | null} */ (null),
   files: /** @type {string[]} */ ([]),
-  built: /** @type {Record<string, string>} */ ({}), // what each list was built for
-  open: /** @type {string | null} */ (null), // the row that was just added
   fresh: false, // whether the map has yet to go to the searches of a case that was just opened
 };
 const drawn = layer_of(25);
@@ -25,25 +23,62 @@ const tools = {
   files: () => own.files,
 };
 
-/** The lists: the fields of a row, what it is, and how its heading reads. */
-const LISTS = /** @type {Record<Listed3, ListSpec>} */ ({
-  sortie: { fields: words.fields_of_sortie, kind: words.kind_of_sortie, labels: words.PATTERNS, empty: "Nothing was searched yet." },
-  contact: { fields: words.fields_of_contact, kind: words.kind_of_contact, labels: words.CONTACTS, empty: "No sighting, find or bearing yet." },
-  unit: { fields: () => words.UNIT, kind: () => "", labels: {}, empty: "No unit yet: a plan needs at least one." },
-});
-const TABLES = /** @type {Listed3[]} */ (Object.keys(LISTS));
-
 /** @param {Row} row */
 const by_tables = ({ values }) => Object.keys(values).some((key) => key.startsWith("sweep_width."));
+
+/** @param {string} prefix @param {Row} row @param {FieldSpec[]} fields */
+const with_width = (prefix, row, fields) => [...inputs_of(prefix, fields, tools), ...width_of(prefix, row)];
+/** @param {Row} row @param {string} kind */
+const sign_of = (row, kind) => [kind, by_tables(row)];
+
+/** The lists, by the tables of the case. */
+const LISTS = {
+  sortie: list_of(get("sortie-rows"), {
+    table: "sortie",
+    stem: "sortie",
+    empty: "Nothing was searched yet.",
+    fields: (values) => [...words.fields_of_sortie(values), ...words.WIDTH, ...words.CONDITIONS],
+    inputs: (prefix, row) => with_width(prefix, row, words.fields_of_sortie(row.values)),
+    sign: (row) => sign_of(row, words.kind_of_sortie(row.values)),
+    heading: ({ values }, k) => [words.PATTERNS[words.kind_of_sortie(values)].label, ...figures_of(own.told?.shapes.sortie[k])],
+    look: (k) => go_to("sortie", k),
+  }, tools),
+  contact: list_of(get("contact-rows"), {
+    table: "contact",
+    stem: "contact",
+    empty: "No sighting, find or bearing yet.",
+    fields: words.fields_of_contact,
+    inputs: (prefix, row) => inputs_of(prefix, words.fields_of_contact(row.values), tools),
+    sign: (row) => sign_of(row, words.kind_of_contact(row.values)),
+    heading: ({ values }) => [words.CONTACTS[words.kind_of_contact(values)].label],
+    look: (k) => go_to("contact", k),
+  }, tools),
+  unit: list_of(get("unit-rows"), {
+    table: "unit",
+    stem: "unit",
+    empty: "No unit yet: a plan needs at least one.",
+    fields: () => [...words.UNIT, ...words.WIDTH, ...words.CONDITIONS],
+    inputs: (prefix, row) => with_width(prefix, row, words.UNIT),
+    sign: (row) => sign_of(row, ""),
+    heading: ({ values }) => [`${values.search_speed ?? "?"}, ${values.endurance ?? "?"} on scene`],
+    look: null,
+  }, tools),
+};
+const TABLES = /** @type {Listed3[]} */ (Object.keys(LISTS));
 
 // --- from the text to the rows -------------------------------------------------------------------------------------------
 /** Read the searches of the text, and show them. */
 async function refresh() {
+  if (form.is_spill()) { // it has rows of its own
+    own.told = null;
+    drawn.source.clear(true);
+    return;
+  }
   /** @type {Searches} */
   const told = await ask("/api/search", { text: text.value, name: opened.name });
   own.told = told;
   fill_choices(told);
-  for (const table of TABLES) list(table, told);
+  for (const table of TABLES) LISTS[table].show(told.rows[table]);
   fill_inputs(get("plan-fields"), "plan", words.PLAN, told.plan);
   draw(told);
   const points = [...Object.keys(told.shapes.sortie).flatMap((k) => points_of("sortie", Number(k))),
@@ -60,72 +95,11 @@ function fill_choices({ search_objects }) {
   place.append(make("option", { value: "" }, "not stated"), ...search_objects.map((one) => make("option", { value: one }, one)));
 }
 
-/**
- * Show the rows of a table; elements stay while the tables keep their fields.
- * @param {Listed3} table
- * @param {Searches} told
- */
-function list(table, told) {
-  const spec = LISTS[table];
-  const rows = told.rows[table];
-  const place = get(`${table}-rows`);
-  const sign = JSON.stringify([rows.map((row) => [spec.kind(row.values), by_tables(row), row.in_text]), own.files]);
-  if (own.built[table] !== sign) {
-    own.built[table] = sign;
-    const focus = document.activeElement instanceof HTMLElement ? document.activeElement.dataset.own : undefined;
-    const open = new Set(all("details[open]", place).map((one) => one.dataset.row));
-    if (own.open) open.add(own.open);
-    own.open = null;
-    place.replaceChildren(...rows.map((row, k) => new_row(table, row, k, open.has(`${table}.${k}`))));
-    if (!rows.length) place.append(make("li", { class: "soft" }, spec.empty));
-    if (focus) all(`[data-own="${CSS.escape(focus)}"]`)[0]?.focus();
-  }
-  rows.forEach((row, k) => {
-    const prefix = `${table}.${k}`;
-    const item = place.children[k];
-    fill_inputs(item, prefix, [...spec.fields(row.values), ...words.WIDTH, ...words.CONDITIONS], row);
-    const heading = item.querySelector("summary");
-    heading?.replaceChildren(...heading_of(table, row, k, told));
-  });
-}
-
-/**
- * @param {Listed3} table
- * @param {Row} row
- * @param {number} k
- * @param {Searches} told
- */
-function heading_of(table, { values }, k, told) {
-  const spec = LISTS[table];
-  const name = String(values.name ?? `${table} ${k + 1}`);
-  const parts = [spec.labels[spec.kind(values)]?.label];
-  const shapes = told.shapes.sortie[k];
-  if (table === "sortie" && shapes) {
-    parts.push(shapes.period);
-    if (shapes.track_nmi) parts.push(`${shapes.track_nmi} nmi in ${shapes.legs_number} legs`);
-    if (shapes.pod !== null) parts.push(`POD ${Math.round(100 * shapes.pod)} %`);
-  }
-  if (table === "unit") parts.push(`${values.search_speed ?? "?"}, ${values.endurance ?? "?"} on scene`);
-  return [make("strong", {}, name), `: ${parts.filter(Boolean).join(", ")}`];
-}
-
-/**
- * @param {Listed3} table
- * @param {Row} row
- * @param {number} k
- * @param {boolean} open
- */
-function new_row(table, row, k, open) {
-  const prefix = `${table}.${k}`;
-  const spec = LISTS[table];
-  const box = make("details", { "data-row": prefix, open }, make("summary", {}), ...inputs_of(prefix, spec.fields(row.values), tools));
-  if (table !== "contact") box.append(...width_of(prefix, row));
-  if (row.in_text.length) box.append(make("p", { class: "soft" }, `Also set, in the text: ${row.in_text.join(", ")}.`));
-  const name = String(row.values.name ?? `${table} ${k + 1}`);
-  box.append(make("p", { class: "line" },
-    ...(table === "unit" ? [] : [button("Show on the map", () => go_to(table, k))]),
-    button("Remove", () => tools.set([{ field: prefix, value: null }]), { "aria-label": `Remove ${name}` })));
-  return make("li", {}, box);
+/** @param {Searched | undefined} shapes */
+function figures_of(shapes) {
+  if (!shapes) return [];
+  return [shapes.period, shapes.track_nmi ? `${shapes.track_nmi} nmi in ${shapes.legs_number} legs` : "",
+    shapes.pod === null ? "" : `POD ${Math.round(100 * shapes.pod)} %`];
 }
 
 /**
@@ -169,7 +143,7 @@ function draw({ rows, shapes }) {
   }
 }
 
-/** @param {"sortie" | "contact"} table @param {number} k */
+/** @param {"sortie" | "contact"} table @param {number} k @returns {Point[]} */
 function points_of(table, k) {
   const shapes = own.told?.shapes;
   if (table === "contact") return (shapes?.contact[k] ?? []).flatMap((one) => one.points);
@@ -177,9 +151,8 @@ function points_of(table, k) {
   return [...(one?.outline ?? []), ...(one?.legs.flatMap((leg) => leg.points) ?? [])];
 }
 
-/** @param {Listed3} table @param {number} k */
+/** @param {"sortie" | "contact"} table @param {number} k */
 function go_to(table, k) {
-  if (table === "unit") return;
   const points = points_of(table, k);
   if (points.length) sea.look_at(points);
   get("map").scrollIntoView({ block: "nearest" });
@@ -206,7 +179,7 @@ function free_name(table, stem) {
 /** @param {Listed3} table @param {Table} row */
 async function add(table, row) {
   const k = own.told?.rows[table].length ?? 0;
-  own.open = `${table}.${k}`;
+  LISTS[table].again(k);
   await tools.set([{ field: `${table}.${k}`, value: row }]);
   all(`[data-own="${table}.${k}.name"]`)[0]?.focus();
 }
@@ -240,14 +213,7 @@ async function list_tracks() {
  * @param {File} file
  */
 const save_track = guarded(async (/** @type {File} */ file) => {
-  if (file.size > LARGEST) throw new Error(`${file.name} is larger than 1 MB; cut it down to the search`);
-  if (opened.name === null) throw new Error("open a case first; the track becomes a sortie of it");
-  try {
-    await ask("/api/search/gpx", { name: file.name, text: await file.text() });
-  } catch (error) {
-    if (!(error instanceof Rejected) || error.status !== 409) throw error;
-    get("track-said").textContent = `${error.message}: the file of the folder is used.`;
-  }
+  await saved("/api/search/gpx", file, get("track-said"), "the track becomes a sortie of it");
   await list_tracks();
   const name = free_name("sortie", file.name.replace(/\.gpx$/i, ""));
   await add("sortie", words.new_sortie("track", { name, at: "", start: next_start(), track: file.name }));
@@ -257,25 +223,22 @@ get("new-track").addEventListener("change", () => {
   if (file) save_track(file);
   get("new-track").value = "";
 });
-document.addEventListener("dragover", (event) => {
-  if (event.dataTransfer?.types.includes("Files")) event.preventDefault();
-});
-document.addEventListener("drop", (event) => {
-  const file = event.dataTransfer?.files[0];
-  if (!file) return;
-  event.preventDefault();
-  if (!/\.gpx$/i.test(file.name)) get("trouble").textContent = `${file.name} is no track: only GPX files (.gpx) can be dropped here.`;
-  else {
+dropped({
+  /** @param {File} file */
+  takes: (file) => !form.is_spill() && /\.gpx$/i.test(file.name),
+  /** @param {File} file */
+  work: (file) => {
     if (opened.name !== null) tab("search"); // where its sortie appears
     save_track(file);
-  }
+  },
 });
 
 /** Begin with a case that was just opened. */
 export const begin = guarded(async () => {
-  Object.assign(own, { told: null, built: {}, open: null, fresh: true });
+  Object.assign(own, { told: null, fresh: true });
+  for (const table of TABLES) LISTS[table].again();
   drawn.source.clear(true);
   get("track-said").textContent = "";
   await list_tracks();
-  if (own.told) list("sortie", own.told);
+  if (own.told) LISTS.sortie.show(own.told.rows.sortie);
 });

@@ -16,7 +16,7 @@ import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from drift.apps.serve.fields import form_sources, nodes, search_fields
+from drift.apps.serve.fields import form_sources, nodes, search_fields, spill_fields
 from drift.case.values import fields as case_fields
 from drift.case.values import units
 from geo import notation
@@ -35,6 +35,7 @@ SCENARIO = (
     "position.at",
     "position.time",
     "position.error",
+    "position.until",
     "trackline.waypoints",
     "trackline.speed",
     "trackline.cross_track",
@@ -44,7 +45,9 @@ SCENARIO = (
     "area.until",
 )
 LISTS = ("trackline.waypoints", "area.polygon")
-OWN = (*search_fields.TABLES, "plan")  # tables of the step "Search"
+OWN = (*search_fields.TABLES, *search_fields.SINGLE)  # tables of the step "Search"
+RELEASE = tuple(name for name in SCENARIO if name.partition(".")[0] in STARTS)  # also of a spill
+OF_SPILL = tuple(f"spill.{name}" for name in RELEASE)
 IN_SCENARIO = re.compile(r"scenario\.(\d{1,2})\.(.+)")
 NUMBERS = ("particles", "weight")
 NEW = """\
@@ -85,6 +88,7 @@ def read_fields(text: str) -> dict[str, Any]:
         `fields`: by name, such as "scenario.0.position.at", each with its `value`, and `read`, the
         value in SI units, degrees or UTC if it is valid. A field that the form cannot show has
         `in_text` instead. `unknown`: keys that only the text shows. `scenarios`: their number.
+        `spill`: whether it is a case of a spill.
 
     Raises:
         UserError: the text is not TOML.
@@ -94,6 +98,7 @@ def read_fields(text: str) -> dict[str, Any]:
     number = len(scenarios) if isinstance(scenarios, list) else 0
     start = _read("start", data.get("start"), None)
     shown = {name: _shown(data, name, start) for name in names_of_fields(number)}
+    spill = data.get("spill")
     unknown = [
         *(
             key
@@ -101,11 +106,12 @@ def read_fields(text: str) -> dict[str, Any]:
             if key not in {"scenario", "coast", *OWN, *form_sources.SOURCES, *TOP}
         ),
         *_unknown_of_scenarios(scenarios),
+        *(_unknown_of_start("spill", spill, RELEASE) if isinstance(spill, dict) else ()),
         *(f"coast.{key}" for key in _keys(data.get("coast")) if key != "source"),
         *(name for name in form_sources.SOURCES if shown[name].get("in_text")),
         *search_fields.hidden_keys(data),
     ]
-    return {"fields": shown, "unknown": unknown, "scenarios": number}
+    return {"fields": shown, "unknown": unknown, "scenarios": number, "spill": "spill" in data}
 
 
 def names_of_fields(scenarios: int) -> list[str]:
@@ -113,7 +119,7 @@ def names_of_fields(scenarios: int) -> list[str]:
     own = (
         f"scenario.{k}.{name}" for k in range(min(scenarios, MOST_SCENARIOS)) for name in SCENARIO
     )
-    return [*TOP, *form_sources.SOURCES, *own]
+    return [*TOP, *form_sources.SOURCES, *own, *OF_SPILL]
 
 
 def set_fields(text: str, changes: Sequence[Mapping[str, Any]]) -> str:
@@ -149,6 +155,21 @@ def add_table(text: str, table: str, row: Mapping[str, Any]) -> str:
     return _changed_text(text, work)
 
 
+def turn(text: str, spill: bool) -> str:
+    """Return the text of a search for one object as that of a spill, or the other way.
+
+    Raises:
+        UserError: as `set_fields`, or the case has what the other kind cannot have.
+    """
+    into = spill_fields.turn_into_spill if spill else spill_fields.turn_into_search
+
+    def work(document: Any, data: dict[str, Any]) -> None:
+        for node in (document, data):
+            into(node)
+
+    return _changed_text(text, work)
+
+
 def _changed_text(text: str, work: Callable[[Any, dict[str, Any]], None]) -> str:
     """Return a text after the same work on its document and on its plain tables."""
     data = parse_text(text)
@@ -174,7 +195,7 @@ def _change(document: Any, data: dict[str, Any], field: object, value: Any) -> N
             search_fields.set_key(node, field, deepcopy(value))
         return
     if not isinstance(field, str) or (
-        field not in {*TOP, *form_sources.SOURCES} and not _is_of_scenario(field)
+        field not in {*TOP, *form_sources.SOURCES, *OF_SPILL} and not _is_of_scenario(field)
     ):
         raise UserError(f"there is no field {str(field)[:100]!r}")
     if field in form_sources.SOURCES:
@@ -188,8 +209,8 @@ def _change(document: Any, data: dict[str, Any], field: object, value: Any) -> N
         many = data.get("scenario", [])
         if not isinstance(many, list) or int(place[1]) > len(many):
             raise UserError(f"{field}: there is no such scenario")
-        if _shown(data, field, None).get("in_text"):
-            raise UserError(f"{field} is set in the text; change it there")
+    if place[0] in ("scenario", "spill") and _shown(data, field, None).get("in_text"):
+        raise UserError(f"{field} is set in the text; change it there")
     for node in (document, data):
         _set_key(node, place, deepcopy(value))
 
@@ -224,6 +245,11 @@ def _set_key(node: Any, place: search_fields.Place, value: Any) -> None:
     if place[0] == "scenario":
         _set_key_of_scenario(node, int(place[1]), place[2:], value)
         return
+    if place[0] == "spill":
+        if value is not None:
+            spill_fields.clear_other_starts(node["spill"], str(place[1]))
+        _set_key_of_start(node["spill"], node, place[1:], value)
+        return
     for part in above:
         if part not in node:
             if value is None:
@@ -244,11 +270,16 @@ def _set_key_of_scenario(node: Any, number: int, rest: search_fields.Place, valu
     if len(rest) == 1:
         nodes.put(one, rest[0], value)
         return
-    start, key = rest
     if value is not None:  # it went adrift in one way only
         for other in STARTS:
-            if other != start and other in one:
+            if other != rest[0] and other in one:
                 del one[other]
+    _set_key_of_start(one, node, rest, value)
+
+
+def _set_key_of_start(one: Any, node: Any, rest: search_fields.Place, value: Any) -> None:
+    """Set or remove a key of the table that says where a scenario or a spill went adrift."""
+    start, key = rest
     if start not in one:
         if value is None:
             return
@@ -268,12 +299,22 @@ def _unknown_of_scenarios(scenarios: Any) -> list[str]:
         return [] if scenarios is None else ["scenario"]
     found = []
     for k, one in enumerate(scenarios):
-        for key in _keys(one):
-            inner = [name.partition(".")[2] for name in SCENARIO if name.startswith(f"{key}.")]
-            if inner and isinstance(one[key], dict):
-                found += [f"scenario.{k}.{key}.{part}" for part in one[key] if part not in inner]
-            elif key not in SCENARIO:
-                found.append(f"scenario.{k}.{key}")
+        found += _unknown_of_start(f"scenario.{k}", one, SCENARIO)
+        found += [f"scenario.{k}.{key}" for key in _keys(one) if key not in {*SCENARIO, *STARTS}]
+    return found
+
+
+def _unknown_of_start(place: str, one: Any, names: Sequence[str]) -> list[str]:
+    """Return the keys of the tables that say where it went adrift that no field shows."""
+    found = []
+    for start in (key for key in _keys(one) if key in STARTS):
+        if not isinstance(one[start], dict):
+            found.append(f"{place}.{start}")
+        found += [
+            f"{place}.{start}.{part}"
+            for part in _keys(one[start])
+            if f"{start}.{part}" not in names
+        ]
     return found
 
 

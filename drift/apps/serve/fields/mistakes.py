@@ -35,12 +35,26 @@ def message_of(line: str, text: str) -> dict[str, Any]:
         for k, _ in enumerate(data.get(quantity) or [()]):
             fields[messages.where((quantity, k), data)] = quantity
     places = {messages.where(place, data): k for place, k in _lines_of_places(text)}
+    fields |= _fields_by_other_words(data)
     field = fields.get(_longest(line, fields))
     return {
         "message": line,
         "line": places.get(_longest(line, places)),
-        "field": next((f"{field}.{own}" for words, own in MISSING.items() if words in line), field),
+        "field": next(
+            (f"{field}.{own}" for words, own in MISSING.items() if field and words in line), field
+        ),
     }
+
+
+def _fields_by_other_words(data: Mapping[str, Any]) -> dict[str, str]:
+    """Return the fields that messages about a spill name in words of their own."""
+    finds = search_fields.rows_of(data, "find")
+    words = {"spill.objects": "spill.class.0.number"}
+    words |= {"[spill] track": "spill.track", "[spill] loss": "spill.loss.0.begin"}
+    for k, find in enumerate(finds if isinstance(finds, list) else ()):
+        if isinstance(find, dict):
+            words[str(find.get("name", f"find {k + 1}"))] = f"find.{k}"
+    return words
 
 
 def _longest(line: str, places: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""The fields of the step "Search": sorties, contacts and units of a case, and its plan.
+"""The fields of the step "Search": rows such as sorties and finds of a case, its plan and its spill.
 
 Each is a key of a table, such as "sortie.0.pattern.spacing"; "sortie.2" is a whole table, which is
 added after the last one or removed. As with all fields of a form (`drift.apps.serve.fields.form`), the
@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from datetime import date, datetime
 from typing import Any
 
-from drift.apps.serve.fields import nodes
+from drift.apps.serve.fields import nodes, spill_fields
 from drift.case.values import units
 from geo import notation
 from geo.errors import UserError
@@ -88,11 +88,26 @@ TABLES: dict[str, tuple[str, ...]] = {
         "sweep_width_uncertainty",
         "daylight",
     ),
+    **spill_fields.TABLES,
 }
-PLAN = tuple(f"plan.{key}" for key in ("begin", "until", "separation", "rounds", "ashore"))
-ROW = re.compile(rf"({'|'.join(TABLES)})\.(\d{{1,2}})(?:\.(.+))?")
-POSITIONS = ("waypoints", "polygon")  # lists of positions
+OF_SPILL = tuple(spill_fields.TABLES)
+SINGLE = {  # tables that a case has once
+    "plan": ("begin", "until", "separation", "rounds", "ashore"),
+    "spill": spill_fields.KEYS,
+}
+SINGLE_FIELDS = tuple(f"{table}.{key}" for table, keys in SINGLE.items() for key in keys)
+ROW = re.compile(rf"({'|'.join(map(re.escape, TABLES))})\.(\d{{1,2}})(?:\.(.+))?")
+NUMBER = re.compile(r"\.\d+")
+POSITIONS = ("waypoints", "polygon", "between")  # lists of positions
+LISTS = (*POSITIONS, "stretches", "track")  # lists of words
 PLACES = ("at", "base", "centre", "datum", "from")  # one position
+
+# keys of a spill that other fields show
+ELSEWHERE = (
+    "spill.class",
+    "spill.loss",
+    *(f"spill.{start}" for start in ("position", "trackline", "area")),
+)
 
 Place = tuple[str | int, ...]
 
@@ -105,17 +120,24 @@ def names_of(data: Mapping[str, Any]) -> list[str]:
         for k in range(_count(data, table))
         for key in keys
     ]
-    return [*own, *PLAN]
+    return [*own, *SINGLE_FIELDS]
+
+
+def rows_of(data: Any, table: str) -> Any:
+    """Return the list of a table, such as "spill.class"; None if the case has none."""
+    for key in table.split("."):
+        data = data.get(key) if isinstance(data, dict) else None
+    return data
 
 
 def _count(data: Mapping[str, Any], table: str) -> int:
-    rows = data.get(table)
+    rows = rows_of(data, table)
     return min(len(rows), MOST) if isinstance(rows, list) else 0
 
 
 def is_field(name: str) -> bool:
     """Return whether a name is one of a field or of a whole table."""
-    if name in PLAN:
+    if name in SINGLE_FIELDS:
         return True
     row = ROW.fullmatch(name)
     return row is not None and int(row[2]) < MOST and (row[3] is None or row[3] in TABLES[row[1]])
@@ -126,28 +148,35 @@ def read_rows(data: Mapping[str, Any]) -> dict[str, Any]:
 
     Returns:
         `rows`: of each table a list; each row has the values of its fields, and `in_text`, the keys
-        that only the text shows. `plan`: the same of the plan.
+        that only the text shows. `plan`, `spill`: the same of these.
     """
     rows = {
-        table: [_row(row, keys) for row in (data.get(table) or [])[:MOST]]
-        if isinstance(data.get(table), list)
-        else []
+        table: [
+            _row(row, f"{table}.", keys)
+            for row in (rows_of(data, table) or [])[: _count(data, table)]
+        ]
         for table, keys in TABLES.items()
     }
-    plan = data.get("plan")
-    return {
-        "rows": rows,
-        "plan": _row(plan if isinstance(plan, dict) else {}, [key[5:] for key in PLAN]),
+    numbers = spill_fields.numbers_of_classes(data.get("spill"))
+    for row, number in zip(rows["spill.class"], numbers, strict=False):
+        if number is not None:
+            row["values"]["number"] = number
+            row["in_text"] = [key for key in row["in_text"] if key != "share"]
+    return {"rows": rows} | {
+        table: _row(data[table] if isinstance(data.get(table), dict) else {}, f"{table}.", keys)
+        for table, keys in SINGLE.items()
     }
 
 
-def _row(row: Any, keys: Sequence[str]) -> dict[str, Any]:
+def _row(row: Any, prefix: str, keys: Sequence[str]) -> dict[str, Any]:
     """Return the values of a table's fields, and the keys that only the text shows."""
     if not isinstance(row, dict):
         return {"values": {}, "in_text": [str(row)[:100]]}
     values, hidden = {}, list[str]()
     for name, value in _leaves(row, keys):
-        shown = _shown(name, value) if name in keys else None
+        if f"{prefix}{name}" in ELSEWHERE:
+            continue
+        shown = _shown(f"{prefix}{name}", value) if name in keys else None
         if shown is None:
             hidden.append(name)
         else:
@@ -169,7 +198,14 @@ def _leaves(row: Mapping[str, Any], keys: Sequence[str]) -> list[tuple[str, Any]
 def _shown(name: str, value: Any) -> Any:
     """Return a value as a form shows it; None: it cannot."""
     last = name.rpartition(".")[2]
+    if name == "spill.track":
+        return spill_fields.shown_track(value)
+    if isinstance(value, list) and len(value) == 2 and name in spill_fields.RANGES:
+        pair = [_shown("", one) for one in value]
+        return None if None in pair else pair
     try:
+        if last == "stretches" and isinstance(value, list):
+            return value if all(isinstance(one, str) for one in value) else None
         if last in POSITIONS:
             return [_spelled(one) for one in value] if isinstance(value, list) else None
         if last in PLACES:
@@ -192,9 +228,9 @@ def _spelled(value: Any) -> str:
 def hidden_keys(data: Mapping[str, Any]) -> list[str]:
     """Return the keys of these tables that only the text shows."""
     read = read_rows(data)
-    found = [f"plan.{key}" for key in read["plan"]["in_text"]]
+    found = [f"{table}.{key}" for table in SINGLE for key in read[table]["in_text"]]
     for table, rows in read["rows"].items():
-        if table in data and not isinstance(data[table], list):
+        if not isinstance(rows_of(data, table), list | None):
             found.append(table)
         found += [f"{table}.{k}.{key}" for k, row in enumerate(rows) for key in row["in_text"]]
     return found
@@ -220,11 +256,17 @@ def check_value(field: str, value: Any) -> None:
 
 
 def _check_one(field: str, value: Any) -> None:
-    if field.rpartition(".")[2] in POSITIONS:
+    last, plain = field.rpartition(".")[2], NUMBER.sub("", field)
+    if last in LISTS and not (plain == "spill.track" and isinstance(value, str)):
         if not isinstance(value, list) or not 1 <= len(value) <= MOST_POSITIONS:
-            raise UserError(f"{field}: give a list of positions")
+            raise UserError(
+                f"{field}: give a list of {'names' if last == 'stretches' else 'positions'}"
+            )
         for one in value:
             check_words(field, one)
+    elif isinstance(value, list) and len(value) == 2 and plain in spill_fields.RANGES:
+        for one in value:
+            _check_one("", one)
     elif isinstance(value, bool):
         return
     elif isinstance(value, int | float):
@@ -248,46 +290,61 @@ def place_of(field: str) -> Place:
 def check_place(data: Mapping[str, Any], field: str) -> None:
     """Reject a field whose table does not exist, or whose value only the text can change."""
     row = ROW.fullmatch(field)
-    table = row[1] if row else "plan"
-    rows = data.get(table, [] if row else {})
+    table = row[1] if row else field.partition(".")[0]
+    rows = rows_of(data, table)
+    if rows is None:
+        rows = [] if row else {}
     if not isinstance(rows, list if row else dict):
         raise UserError(f"{table} is set in the text; change it there")
     if row is None:
-        return
-    if int(row[2]) > len(rows) or (int(row[2]) == len(rows) and row[3] is not None):
-        raise UserError(f"{field}: there is no such {table}")
-    if row[3] is None:
-        return
-    hidden = _row(rows[int(row[2])], TABLES[table])["in_text"]
-    if any(key == row[3] or key.startswith(f"{row[3]}.") for key in hidden):
+        one, key = rows, field.partition(".")[2]
+    else:
+        if int(row[2]) > len(rows) or (int(row[2]) == len(rows) and row[3] is not None):
+            raise UserError(f"{field}: there is no such {table}")
+        if row[3] is None:
+            return
+        one, key = rows[int(row[2])], row[3]
+    hidden = _row(one, f"{table}.", TABLES[table] if row else SINGLE[table])["in_text"]
+    if any(name == key or name.startswith(f"{key}.") for name in hidden):
         raise UserError(f"{field} is set in the text; change it there")
 
 
 def set_key(node: Any, field: str, value: Any) -> None:
     """Set or remove a key or a whole table, in a document of tomlkit or in plain tables."""
-    table, *rest = place_of(field)
-    if table == "plan":
-        if "plan" not in node:
+    row = ROW.fullmatch(field)
+    if row is None:
+        table, _, key = field.partition(".")
+        if table not in node:
             if value is None:
                 return
-            node["plan"] = nodes.table_beside(node, {}, inline=False)
-        nodes.put(node["plan"], rest[0], value)
-        return
-    number = int(rest[0])
-    if len(rest) == 1:
-        _set_row(node, str(table), number, value)
-        return
-    _set_inside(node[table][number], [str(part) for part in rest[1:]], value)
+            node[table] = nodes.table_beside(node, {}, inline=False)
+        if field == "spill.track":
+            value = spill_fields.written_track(node, value)
+            if value is not None:
+                spill_fields.clear_other_starts(node[table], "track")
+        _set_inside(node[table], key.split("."), value)
+    elif row[3] is None:
+        _set_row(node, row[1], int(row[2]), value)
+    elif row[1] == "spill.class" and row[3] == "number":
+        spill_fields.set_number(node, int(row[2]), value)
+    else:
+        _set_inside(rows_of(node, row[1])[int(row[2])], row[3].split("."), value)
 
 
 def _set_row(node: Any, table: str, number: int, value: Any) -> None:
     """Add a table after the last, or remove or replace one."""
-    many = node.get(table, [])
+    many = rows_of(node, table)
+    many = [] if many is None else many
     if value is None:
         if number < len(many):
-            del many[number]
-        if table in node and not len(many):
-            del node[table]
+            if table == "spill.class":
+                spill_fields.remove_class(node, number)
+            else:
+                del many[number]
+        *above, last = table.split(".")
+        holder = rows_of(node, ".".join(above)) if above else node
+        if holder is not None and last in holder and not len(many):
+            del holder[last]
         return
     if number < len(many):
         raise UserError(f"{table}.{number} exists already")
@@ -296,13 +353,18 @@ def _set_row(node: Any, table: str, number: int, value: Any) -> None:
 
 def add_row(node: Any, table: str, row: Mapping[str, Any]) -> None:
     """Add a table after the last of its kind."""
-    if table not in node:
-        node[table] = nodes.list_of_tables(node)
+    *above, last = table.split(".")
+    holder = rows_of(node, ".".join(above)) if above else node
+    if last not in holder:
+        holder[last] = nodes.list_of_tables(node)
     made = nodes.table_beside(node, {}, inline=False)
     nodes.begin_after_blank_line(made)
     for key, one in row.items():
         made[key] = nodes.table_beside(node, one) if isinstance(one, dict) else one
-    node[table].append(made)
+    if table == "spill.class":
+        spill_fields.add_class(node, made)
+    else:
+        holder[last].append(made)
 
 
 def _set_inside(row: Any, keys: list[str], value: Any) -> None:

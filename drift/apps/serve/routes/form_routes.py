@@ -41,6 +41,7 @@ FORM = record(
     fields={"type": "object", "additionalProperties": FIELD},
     unknown=many(TEXT),
     scenarios=api.COUNT,
+    spill=FLAG,
 )
 MESSAGES = record(messages=many(record(message=TEXT, field=or_null(TEXT), line=or_null(api.COUNT))))
 BOX = many(NUMBER) | {"minItems": 4, "maxItems": 4}
@@ -54,6 +55,36 @@ GEOJSON: Schema = {
     "required": ["type", "features"],
 }
 PARTICLES = record(lon=many(many(NUMBER)), lat=many(many(NUMBER)), status=many(many(api.COUNT)))
+STRETCH = record(
+    id=TEXT,
+    segment=api.COUNT,
+    name=TEXT,
+    at=POINT,
+    length_km=NUMBER,
+    first=or_null(TEXT),
+    lines=many(many(POINT)),
+)
+FOUND = record(name=TEXT, at=POINT, stretch=TEXT, chance=NUMBER, odd=FLAG)
+VISIT = record(segment=api.COUNT, name=TEXT, lying=NUMBER, found=NUMBER)
+PATROL = record(name=TEXT, team=TEXT, time=TEXT, length_km=NUMBER, found=NUMBER, visits=many(VISIT))
+# objects by stretch of coast and time: of all classes and of each, with 80 % ranges
+WASHUP = record(
+    run=TEXT,
+    times=many(TEXT),
+    classes=many(TEXT),
+    lost=NUMBER,
+    ashore=many(many(NUMBER)),
+    expected=many(many(many(NUMBER))),
+    low=many(many(NUMBER)),
+    high=many(many(NUMBER)),
+    probability=many(many(NUMBER)),
+    number=api.COUNT,
+    stretches=many(STRETCH),
+    finds=many(FOUND),
+    patrols=many(PATROL),
+    plan=or_null(record(found=NUMBER, found_se=NUMBER, bound=NUMBER)),
+    warnings=many(TEXT),
+)
 SKETCH = record(
     number=api.COUNT,
     title=TEXT,
@@ -67,6 +98,7 @@ SKETCH = record(
     particles=PARTICLES,
     scenarios=many(record(name=TEXT, probability=many(NUMBER))),
     ashore=many(NUMBER),
+    washup=or_null(WASHUP),
 )
 SOURCE = record(quantity=TEXT, box=BOX, times=many(TEXT))
 FORCING_ANSWER = record(("files", "sources"), files=many(TEXT), sources=many(SOURCE))
@@ -192,15 +224,7 @@ class FormRoutes:
         check_keys(body, {"file"})
         name = body["file"]
         if name is None:
-            entries = await asyncio.to_thread(lambda: list(shelf.entries(self.folder)))
-            found = sorted(
-                entry.name
-                for entry in entries
-                if names.plain(entry.name)
-                and entry.name.lower().endswith(FORCING)
-                and entry.is_file(follow_symlinks=False)
-            )
-            return {"files": found[: shelf.MOST]}
+            return {"files": await self.files_ending(FORCING)}
         if not isinstance(name, str) or not names.plain(name) or not name.lower().endswith(FORCING):
             raise Invalid("give a file of winds or currents of this folder")
         return await self.sketching.ask("forcing", path=str(self.folder / name))
@@ -208,6 +232,18 @@ class FormRoutes:
     async def objects(self, request: Request) -> Response:
         """Return the objects that can be adrift, with everyday words for them."""
         return JSONResponse({"objects": _objects()})
+
+    async def files_ending(self, endings: tuple[str, ...]) -> list[str]:
+        """Return the names of the files of the folder that end so."""
+        entries = await asyncio.to_thread(lambda: list(shelf.entries(self.folder)))
+        found = sorted(
+            entry.name
+            for entry in entries
+            if names.plain(entry.name)
+            and entry.name.lower().endswith(endings)
+            and entry.is_file(follow_symlinks=False)
+        )
+        return found[: shelf.MOST]
 
     def path_of(self, body: dict[str, Any]) -> str:
         """Return the path of the case of a text, from whose folder its files are looked for."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from drift.apps.serve import api, names, shelf
 from drift.apps.serve.api import NUMBER, TEXT, Operation, Schema, many, or_null, record
+from drift.apps.serve.fields import search_fields
 from drift.apps.serve.routes.form_routes import (
     GEOJSON,
     PARTICLES,
@@ -44,9 +45,13 @@ SEARCHED = {
     "pod": or_null(NUMBER),
 }
 SEEN = record(shape={"enum": ["point", "region", "line"]}, points=POINTS)
+# rows of searches and of spills
+ROWS: dict[str, Schema] = {
+    "rows": record(**dict.fromkeys(search_fields.TABLES, many(ROW))),
+    **dict.fromkeys(search_fields.SINGLE, ROW),
+}
 SEARCHES = record(
-    rows=record(sortie=many(ROW), contact=many(ROW), unit=many(ROW)),
-    plan=ROW,
+    **ROWS,
     shapes=record(
         sortie={"type": "object", "additionalProperties": record(**SEARCHED)},
         contact={"type": "object", "additionalProperties": many(SEEN)},
@@ -136,42 +141,21 @@ class SearchRoutes:
     async def tracks(self, body: dict[str, Any]) -> Any:
         """Return the GPX files of the folder."""
         check_keys(body, set())
-        entries = await asyncio.to_thread(lambda: list(shelf.entries(self.folder)))
-        found = sorted(
-            entry.name
-            for entry in entries
-            if names.plain(entry.name)
-            and entry.name.lower().endswith(GPX)
-            and entry.is_file(follow_symlinks=False)
-        )
-        return {"files": found[: shelf.MOST]}
+        return {"files": await self.form.files_ending((GPX,))}
 
     async def save_track(self, body: dict[str, Any]) -> Any:
         """Save a GPX file in the folder, under its name if that is free."""
-        text = text_of(body, {"name", "text"})
-        name = body["name"]
-        if not isinstance(name, str) or not names.plain(name) or not name.lower().endswith(GPX):
-            letters = f"letters, digits, spaces and . _ - + ( ), at most {names.LONGEST}"
-            raise Invalid(f"the name of a track is made of {letters}, and ends in .gpx")
-        if len(text.encode()) > LARGEST_TRACK:
-            raise Invalid(f"a track has at most {LARGEST_TRACK:,} bytes", 413)
-        if "<gpx" not in text[:HEAD] or "<!DOCTYPE" in text or "<!ENTITY" in text:
-            raise Invalid(f"{name} is not a GPX file: it needs <gpx at its head, and no DOCTYPE")
-        try:
-            await asyncio.to_thread(shelf.save, self.folder, name, text, None)
-        except shelf.Conflict:
-            raise Invalid(f"{name} exists already; nothing was saved", 409) from None
-        return {"name": name}
+        return await save_track(self.folder, body, (GPX,))
 
     async def plan(self, body: dict[str, Any]) -> Any:
         """Return the sub-areas of a plan."""
         check_keys(body, {"run"})
-        return await self.form.typing.ask("plan", **self._run(body))
+        return await self.form.typing.ask("plan", **run_of(body, self.folder))
 
     async def pos(self, body: dict[str, Any]) -> Any:
         """Return the POS of a plan with moved sub-areas."""
         check_keys(body, {"run", "moves"})
-        run, moves = self._run(body), _moves(body)
+        run, moves = run_of(body, self.folder), _moves(body)
         await self.form.warmed()  # else a move may wait for it
         return await self.form.sketching.ask("plan/pos", **run, moves=moves)
 
@@ -182,13 +166,15 @@ class SearchRoutes:
         if not isinstance(area, str) or len(area) > LONGEST_LABEL:
             raise Invalid("give the name of a sub-area")
         return await self.form.typing.ask(
-            "plan/keep", **self._run(body), moves=_moves(body), area=area, text=text
+            "plan/keep", **run_of(body, self.folder), moves=_moves(body), area=area, text=text
         )
 
     async def result(self, body: dict[str, Any]) -> Any:
         """Return the scenarios of a result, and the areas of one of them."""
         check_keys(body, {"run", "scenario"})
-        return await self.form.sketching.ask("result", **self._run(body), scenario=_scenario(body))
+        return await self.form.sketching.ask(
+            "result", **run_of(body, self.folder), scenario=_scenario(body)
+        )
 
     async def value(self, body: dict[str, Any]) -> Any:
         """Return the probability at a place of a result."""
@@ -198,18 +184,46 @@ class SearchRoutes:
             raise Invalid("give the number of an output")
         return await self.form.sketching.ask(
             "result/value",
-            **self._run(body),
+            **run_of(body, self.folder),
             scenario=_scenario(body),
             time=time,
             at=_position(body["at"]),
         )
 
-    def _run(self, body: dict[str, Any]) -> dict[str, str]:
-        """Return the folder and the name of the result of a request."""
-        run = body["run"]
-        if not isinstance(run, str) or not names.plain(run):
-            raise Invalid("give a result of this folder")
-        return {"folder": str(self.folder), "run": run}
+
+def run_of(body: dict[str, Any], folder: Path) -> dict[str, str]:
+    """Return the folder and the name of the result of a request."""
+    run = body["run"]
+    if not isinstance(run, str) or not names.plain(run):
+        raise Invalid("give a result of this folder")
+    return {"folder": str(folder), "run": run}
+
+
+async def save_track(folder: Path, body: dict[str, Any], endings: tuple[str, ...]) -> Any:
+    """Save a track in a folder, under its name if that is free.
+
+    Args:
+        folder: the served folder.
+        body: `name` and `text` of the file.
+        endings: that its name may have; a GPX file has <gpx at its head.
+    """
+    text = text_of(body, {"name", "text"})
+    name = body["name"]
+    if not isinstance(name, str) or not names.plain(name) or not name.lower().endswith(endings):
+        letters = f"letters, digits, spaces and . _ - + ( ), at most {names.LONGEST}"
+        ends = " or ".join(endings)
+        raise Invalid(f"the name of a track is made of {letters}, and ends in {ends}")
+    if len(text.encode()) > LARGEST_TRACK:
+        raise Invalid(f"a track has at most {LARGEST_TRACK:,} bytes", 413)
+    if name.lower().endswith(GPX) and (
+        "<gpx" not in text[:HEAD] or "<!DOCTYPE" in text or "<!ENTITY" in text
+    ):
+        raise Invalid(f"{name} is not a GPX file: it needs <gpx at its head, and no DOCTYPE")
+    try:
+        await asyncio.to_thread(shelf.save, folder, name, text, None)
+    except shelf.Conflict:
+        raise Invalid(f"{name} exists already; nothing was saved", 409) from None
+    return {"name": name}
 
 
 def _scenario(body: dict[str, Any]) -> str | None:

@@ -84,7 +84,7 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
     page.get_by_label("Time", exact=True).press("Tab")
     becomes("281234ZNOV26", "start")
     until(lambda: page.locator("#picker").input_value() == "2026-11-28T12:34", 60)
-    page.get_by_label("Find").fill("kayak")
+    page.get_by_label("Find", exact=True).fill("kayak")
     page.locator("#object").select_option("PERSON-POWERED-VESSEL-1")
     becomes("PERSON-POWERED-VESSEL-1", "scenario", 0, "object")
     for words, direction, speed, degrees in (

@@ -31,6 +31,9 @@ declare global {
     "new-sortie": HTMLSelectElement;
     "new-contact": HTMLSelectElement;
     "new-track": HTMLInputElement;
+    "ship-file": HTMLInputElement;
+    kind: HTMLSelectElement;
+    "stretch-class": HTMLSelectElement;
   }
   type ElementOf<Id extends string> = Id extends keyof Elements ? Elements[Id] : HTMLElement;
 
@@ -54,7 +57,7 @@ declare global {
   interface Source extends SourceRow { kind: "" | "constant" | "table" | "files"; rows?: SourceRow[]; files?: string[] }
   type FieldValue = string | string[] | Source | null;
   interface Field { value?: FieldValue; read?: string | number | Point | Point[] | null; in_text?: boolean }
-  interface Form { fields: Record<string, Field>; unknown: string[]; scenarios: number }
+  interface Form { fields: Record<string, Field>; unknown: string[]; scenarios: number; spill: boolean }
   interface Message { message: string; field: string | null; line: number | null }
   interface DriftObject { name: string; description: string; level: number; words: string[] }
   interface Coast { features: { geometry: { coordinates: Point[][] } }[] }
@@ -65,13 +68,13 @@ declare global {
   }
   interface Probabilities { scenarios: { name: string; probability: number[] }[]; ashore: number[] }
   interface Sketch extends Shown, Probabilities {
-    title: string; number: number; words: string; warnings: string[]; statuses: string[]; times: string[]; likely: (Point | null)[];
+    title: string; number: number; words: string; warnings: string[]; statuses: string[]; washup: Washup | null; times: string[]; likely: (Point | null)[];
   }
   interface Compared extends Probabilities { times: string[]; likely: (Point | null)[]; areas: Areas }
   interface Place { at?: Point; error?: number; line?: Point[]; polygon?: Point[] } // [deg], [m]
 
   // --- the step "Search", plans and results ---
-  type Value = string | number | boolean | string[] | null;
+  type Value = string | number | boolean | string[] | number[] | null;
   interface Table { [key: string]: Value | Record<string, Value> }
   interface Change { field: string; value: FieldValue | Value | Table }
   type Values = Record<string, Value>;
@@ -86,11 +89,15 @@ declare global {
     shapes: { sortie: Record<string, Searched>; contact: Record<string, { shape: "point" | "region" | "line"; points: Point[] }[]> };
   }
   interface FieldSpec {
-    key: string; label: string; kind?: "place" | "places" | "degrees" | "number" | "choice" | "tick" | "file"; size?: number; hint?: string;
+    key: string; label: string; kind?: "place" | "places" | "fixes" | "lines" | "range" | "degrees" | "number" | "choice" | "tick" | "file"; size?: number; hint?: string;
     choices?: [value: string, words: string][]; otherwise?: boolean;
   }
   interface PatternSpec { label: string; fields: FieldSpec[] }
-  interface ListSpec { fields(values: Values): FieldSpec[]; kind(values: Values): string; labels: Record<string, PatternSpec>; empty: string }
+  interface RowList {
+    table: string; stem: string; empty: string; fields(values: Values): FieldSpec[]; inputs(prefix: string, row: Row): HTMLElement[];
+    sign(row: Row): unknown; heading(row: Row, k: number): string[]; look: ((k: number) => void) | null;
+  }
+  interface Variant { id: string; words: string; fits(values: Values): boolean; fields: FieldSpec[]; begin(values: Values): Record<string, Value> }
   type FieldInput = HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement;
   interface RowTools {
     set(changes: Change[]): Promise<unknown>; pick(field: string, told: (at: string) => void, several: boolean): void; files(): string[];
@@ -102,6 +109,26 @@ declare global {
   interface Planned { run: string; areas: PlannedArea[]; total: number; objective: string; bound: number | null; warnings: string[] }
   interface MovedPlan { run: string; areas: (PlannedArea & { as_planned: number })[]; total: number; as_planned: number; took_ms: number }
   interface ResultOf extends Compared { words: string; statuses: string[]; particles: NonNullable<Shown["particles"]>; opens: string | null }
+
+  // --- spills ---
+  type SpillTable = "spill.class" | "spill.loss" | "find" | "patrol" | "patrol_unit";
+  interface Spill {
+    rows: Record<SpillTable, Row[]>; spill: Row;
+    shapes: {
+      track: Point[]; losses: { points: Point[]; period: string }[]; finds: Record<string, { at: Point; off_shore: number | null; mistake: string | null }>;
+      patrols: Record<string, { points: Point[] }>; teams: Record<string, { at: Point; reach: number }>;
+    };
+  }
+  interface Stretch { id: string; segment: number; name: string; at: Point; length_km: number; first: string | null; lines: Point[][] }
+  interface PlannedPatrol {
+    name: string; team: string; time: string; length_km: number; found: number; visits: { segment: number; name: string; lying: number; found: number }[];
+  }
+  interface Washup {
+    run: string; times: string[]; classes: string[]; lost: number; ashore: [mean: number, low: number, high: number][]; expected: number[][][];
+    low: number[][]; high: number[][]; probability: number[][]; number: number; stretches: Stretch[]; warnings: string[];
+    finds: { name: string; at: Point; stretch: string; chance: number; odd: boolean }[]; patrols: PlannedPatrol[];
+    plan: { found: number; found_se: number; bound: number } | null;
+  }
 
   // --- scripts of report.html ---
   type Theme = "light" | "dark";
@@ -115,7 +142,8 @@ declare global {
     forward(at: Point): number[];
     inverse(at: number[]): Point;
   }
-  interface Look { theme: Theme; size?: number; opaque?: number; label?: string; strong?: boolean }
+  interface Look { theme: Theme; size?: number; opaque?: number; label?: string; strong?: boolean; width?: number; colour?: string }
+  const SEQUENCE: string[];
   interface Leaf { layer: BaseLayerOf; nameplates: BaseLayerOf | null; every: FeatureOf[]; update(now: { time: number; theme: Theme }): void }
   const R: number, RAD: number, NMI: number;
   function near(lon: number, middle: number): number;
