@@ -1,22 +1,24 @@
-"""What all tests share: Taichi on two threads, where real data may lie, and a browser."""
+"""What all tests share: Taichi on two threads, the order of tests, where real data may lie, and a
+browser.
+"""
 
 import gc
 import os
 import shutil
+import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
+from hypothesis.internal.conjecture import providers
 from one_thread import Process
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from places import DATA
-
-from drift.forecast import build
-from kernels.runtime import runtime
 
 TESTS = Path(__file__).parent
 SMALL_MAPS = (
@@ -49,11 +51,71 @@ LAID_OUT = {
 } - {"assess/experiment"}
 
 
-def pytest_configure() -> None:
+# Folders whose tests compile many kernels, those that compile the same ones side by side. They come
+# first, so that one worker runs most of them: two would compile each kernel twice.
+MANY_KERNELS = (
+    "engine/motion/steering",
+    "kernels/steering",
+    "evidence/filter",
+    "engine",
+    "pipeline",
+    "kernels/step",
+    "kernels/evidence",
+    "evidence/posterior",
+    "evidence/suspend",
+    "assess",
+    "apps/export",
+    "apps/track",
+    "tracking",
+    "apps/check",
+    "spills",
+)
+LONG = ("test_cases.py", "test_flow.py", "test_many.py", "test_result.py", "test_steering_cases.py")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Start Taichi, and set Hypothesis; a process that only hands tests to workers needs neither.
+
+    No test reads the clock, what one finds it finds each time, and nothing is left in the folder.
+    Hypothesis would also look for constants in all modules that are imported, which takes seconds,
+    and draw some of these: its examples would depend on what else runs.
+    """
+    worker = getattr(config, "workerinput", None)
+    if worker is None and getattr(config.option, "numprocesses", None):
+        return
+    from kernels.runtime import runtime
+
     runtime.start("cpu", threads=2)
-    # No test reads the clock, what one finds it finds each time, and nothing is left in the folder.
     hypothesis.settings.register_profile("suite", deadline=None, derandomize=True, database=None)
     hypothesis.settings.load_profile("suite")
+    providers._get_local_constants = lambda: providers._local_constants
+    if worker is not None and int(worker["workerid"].removeprefix("gw")) % 2:
+        config.args = [each for arg in config.args for each in _from_the_end(arg)]
+
+
+def _from_the_end(arg: str) -> list[str]:
+    """Return what a folder of tests holds, the last first, for every second worker to read.
+
+    Where nothing has been compiled to bytecode, workers that begin at the same file compile all
+    files side by side; from two ends, each compiles half of them for the other.
+    """
+    if not Path(arg).is_dir():
+        return [arg]
+    inside = sorted(Path(arg).iterdir(), reverse=True)
+    return [str(each) for each in inside if each.is_dir() or each.match("test_*.py")]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give the tests one order, by files, in whichever order they were read."""
+    items.sort(key=lambda item: _place(item.path))
+
+
+def _place(path: Path) -> tuple[int, str]:
+    """Return what a file of tests is sorted by: the rank of its folder, and its path."""
+    name = path.relative_to(TESTS).as_posix()
+    ranked = (k for k, folder in enumerate(MANY_KERNELS) if name.startswith(f"{folder}/"))
+    return (-1 if name in LONG else next(ranked, len(MANY_KERNELS))), name
 
 
 def pytest_collection_finish() -> None:
@@ -69,9 +131,8 @@ def pytest_unconfigure() -> None:
     """Have Taichi keep what it has compiled: a worker of pytest-xdist ends without the exit at
     which it would.
     """
-    import taichi as ti  # not before kernels, which keeps it quiet
-
-    ti.reset()
+    if "taichi" in sys.modules:  # after kernels, which keeps it quiet
+        sys.modules["taichi"].reset()
 
 
 @pytest.fixture(scope="session")
@@ -110,15 +171,23 @@ def same_numbers_in_any_order(
         generator.bit_generator.state = state
 
 
+@contextmanager
+def _coarse() -> Iterator[None]:
+    from drift.forecast import build  # not before a test asks for it
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "ACROSS", 120)
+        patch.setattr(build, "ACROSS_ONE", 240)
+        yield
+
+
 @pytest.fixture(scope="module")
 def coarse_maps() -> Iterator[None]:
     """Make maps of a tenth of the cells, in the same way: for tests that read no number off a map.
 
     Maps are most of the time of a small run.
     """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "ACROSS", 120)
-        patch.setattr(build, "ACROSS_ONE", 240)
+    with _coarse():
         yield
 
 
@@ -142,6 +211,31 @@ def _lay_out(
     Image.new("L", (1, 1), 255).save(path, "png", pnginfo=texts)
 
 
+@contextmanager
+def _laid_out() -> Iterator[Callable[..., None]]:
+    # not for tests that draw nothing: Matplotlib takes long to import
+    from drift.products.maps import page
+
+    with pytest.MonkeyPatch.context() as patch:
+        paint = page.save
+        patch.setattr(page, "save", _lay_out)
+        yield paint
+
+
+@pytest.fixture(scope="session")
+def small() -> Callable[[], AbstractContextManager[None]]:
+    """What a run of a whole session, which begins before the fixtures of its module, is made in:
+    small maps, and pictures that are laid out.
+    """
+
+    @contextmanager
+    def both() -> Iterator[None]:
+        with _coarse(), _laid_out():
+            yield
+
+    return both
+
+
 @pytest.fixture(scope="module", autouse=True)
 def pictures_laid_out(request: pytest.FixtureRequest) -> Iterator[Callable[..., None] | None]:
     """Lay out the pictures of runs, and paint none, in modules of LAID_OUT that look at none.
@@ -156,12 +250,7 @@ def pictures_laid_out(request: pytest.FixtureRequest) -> Iterator[Callable[..., 
     if paints or not any(folder.is_relative_to(one) for one in LAID_OUT):
         yield None
         return
-    # not for tests that draw nothing: Matplotlib takes long to import
-    from drift.products.maps import page
-
-    with pytest.MonkeyPatch.context() as patch:
-        paint = page.save
-        patch.setattr(page, "save", _lay_out)
+    with _laid_out() as paint:
         yield paint
 
 

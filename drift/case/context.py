@@ -40,7 +40,7 @@ class Run:
 
 def unique_names(given: Sequence[str | None], what: str) -> list[str]:
     """Return the names of tables as `numbered` does; raise UserError for a duplicate name."""
-    names = default_names(given, what)
+    names = _default_names(given, what)
     again = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     if again:
         raise UserError(
@@ -49,7 +49,7 @@ def unique_names(given: Sequence[str | None], what: str) -> list[str]:
     return names
 
 
-def default_names(given: Sequence[str | None], what: str) -> list[str]:
+def _default_names(given: Sequence[str | None], what: str) -> list[str]:
     """Return the names of tables; a table without a name gets its kind and number: "sortie 2".
 
     Args:
@@ -76,7 +76,7 @@ def build_each(
     wrong, records = Mistakes(), []
     with wrong.gathered():
         unique_names(given, what)
-    for make, name in zip(makers, default_names(given, what), strict=True):
+    for make, name in zip(makers, _default_names(given, what), strict=True):
         with wrong.gathered():
             records.append(_build_one(make, name, what, run))
     wrong.refuse()

@@ -30,7 +30,7 @@ from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
 
-def law_of(case: Case) -> Law:
+def _law_of(case: Case) -> Law:
     """Return the prior of the errors that the buoys and reports of a case show."""
     current, wind = case.current_error, case.wind_error
     windy = any(buoy.windage > 0 for buoy in case.drifters)
@@ -54,7 +54,7 @@ def places_of(case: Case) -> int:
 
 def states_of(case: Case) -> int:
     """Return the number of states of the errors at the buoys and reports of a case."""
-    law = law_of(case)
+    law = _law_of(case)
     return on_scene.states(places_of(case), len(case.drifters), law.wind_std > 0, law.biased)
 
 
@@ -77,7 +77,7 @@ def condition_on_buoys(case: Case, where: Environment, clock: Clock) -> Buoys | 
             f"{case.path.name}: [[{what}]]: the domain reaches a pole, where east at a {'buoy' if case.drifters else 'report'} is not east at the "
             f"object; give a [domain] that ends before it, or leave the {what}s out"
         )
-    members, law = max(len(where.members), 1), law_of(case)
+    members, law = max(len(where.members), 1), _law_of(case)
     edges, numbers = on_scene.step_edges(clock)
     hypotheses = [(s, member) for s in range(len(where.water)) for member in range(members)]
     with closing(Forcing(list(where.water), case.direction)) as forcing:

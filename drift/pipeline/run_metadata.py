@@ -96,7 +96,7 @@ def _report_items(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
 
 
 def _object_in_words(one: Mapping[str, str]) -> str:
-    """Return a row of `summary_of_objects` as text."""
+    """Return a row of `_summary_of_objects` as text."""
     waves = "in its lines" if one["stokes"] == "inside" else "not in its lines"
     return (
         f"{one['name']}: {one['description']}; {one['source']}; measured: {one['measured']}; "
@@ -256,7 +256,7 @@ def _errors_sentence(description: str) -> str:
     return f"Errors: {description}. " if description else ""
 
 
-def drifting_objects(case: Case) -> list[Drifter]:
+def _drifting_objects(case: Case) -> list[Drifter]:
     """Return the objects that drift in a case, what they change to, and debris, each once."""
     adrift = [scenario.object for scenario in _adrift(case)]
     others = [
@@ -302,7 +302,7 @@ def object_warnings(case: Case) -> list[str]:
     """Return warnings about the leeway classes of a case: Stokes drift that is not added because
     the lines include it, and figures of a class that are rough.
     """
-    objects, lines = drifting_objects(case), []
+    objects, lines = _drifting_objects(case), []
     if any(scenario.sources.get("stokes") for scenario in _adrift(case)):
         names = dict.fromkeys(one.name for one in objects if one.stokes == "inside")
         if names:
@@ -313,7 +313,7 @@ def object_warnings(case: Case) -> list[str]:
     return lines + [f"object {one.name}: {one.warning}" for one in objects if one.warning]
 
 
-def summary_of_objects(case: Case) -> list[dict[str, str]]:
+def _summary_of_objects(case: Case) -> list[dict[str, str]]:
     """Return the leeway classes of a case, with the source of their lines."""
     return [
         {
@@ -323,7 +323,7 @@ def summary_of_objects(case: Case) -> list[dict[str, str]]:
             "source": drifter.source,
             "stokes": drifter.stokes,
         }
-        for drifter in drifting_objects(case)
+        for drifter in _drifting_objects(case)
         if drifter.measured
     ]
 
@@ -464,7 +464,7 @@ def summary_of_run(
             }
             for s in where.sources
         ],
-        "leeway": summary_of_objects(case),
+        "leeway": _summary_of_objects(case),
         "inputs": [input_file(path) for path in case.inputs],
         "coast": {
             "source": where.coast.source if where.coast else "none",

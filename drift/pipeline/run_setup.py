@@ -192,7 +192,7 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
         return apply_guide(case, where, begun)
 
 
-def lead_of(case: Case, where: Environment, setup: Setup) -> Lead:
+def _lead_of(case: Case, where: Environment, setup: Setup) -> Lead:
     """Return the input of the pilot run that fits the guide."""
     return Lead(
         setup.spec, setup.scene, setup.clock, lambda: Forcing(list(where.scenarios), case.direction)
@@ -206,7 +206,7 @@ def guide_of(case: Case, where: Environment, setup: Setup) -> Guide | None:
     # The proposal knows nothing of the errors that buoys and reports share, nor of scales.
     if buoy_errors_at.places_of(case) or case.current_error.tailed:
         return None
-    return pilot.fit(lead_of(case, where, setup), case.contacts)
+    return pilot.fit(_lead_of(case, where, setup), case.contacts)
 
 
 def buoys_of(case: Case, where: Environment, clock: Clock) -> Buoys | None:
@@ -251,7 +251,7 @@ def apply_guide(case: Case, where: Environment, begin: Start) -> Start:
     """Return a start whose particles are guided toward the finds of debris, if there is a guide."""
     if begin.guide is None:
         return begin
-    ensemble = guides.guide_particles(begin.guide, lead_of(case, where, begin), begin.ensemble)
+    ensemble = guides.guide_particles(begin.guide, _lead_of(case, where, begin), begin.ensemble)
     return replace(
         begin,
         spec=begin.guide.spec(begin.spec),
@@ -264,7 +264,7 @@ def extra_bytes_per_particle(case: Case) -> int:
     """Return the bytes per particle for search, steering and debris, in addition to drifting."""
     debris = len({contact.drifter for contact in case.contacts} - {None})
     steers = any(scenario.itinerary for scenario in case.scenarios)
-    searched = SEARCHED + SORTIE * len(case.sorties) if is_weighted_by_evidence(case) else 0
+    searched = SEARCHED + SORTIE * len(case.sorties) if _is_weighted_by_evidence(case) else 0
     return searched + STEERING * steers + DEBRIS * debris + _listening(case) + _of_buoys(case)
 
 
@@ -505,7 +505,7 @@ def build_search_filter(
         meeting: the reduction across the shards of the run; None: the run is in one piece.
         resumed: whether the filter goes on from a stored state, see `SearchFilter`.
     """
-    if not (is_weighted_by_evidence(case) or case.sensors.lines):
+    if not (_is_weighted_by_evidence(case) or case.sensors.lines):
         return None
     return SearchFilter(
         begin.spec,
@@ -540,10 +540,10 @@ def combined_update_callback(
 def reports_posteriors(case: Case) -> bool:
     """Return whether posteriors of non-position variables are reported for a case."""
     steers = any(scenario.itinerary for scenario in case.scenarios)
-    return not case.spill and (steers or is_weighted_by_evidence(case))
+    return not case.spill and (steers or _is_weighted_by_evidence(case))
 
 
-def is_weighted_by_evidence(case: Case) -> bool:
+def _is_weighted_by_evidence(case: Case) -> bool:
     """Return whether any search or observation, negative ones included, weights the particles."""
     overdue = any(s.itinerary and s.itinerary.overdue is not None for s in case.scenarios)
     return bool(overdue or case.sorties or case.contacts or case.sensors.telling)
@@ -552,7 +552,7 @@ def is_weighted_by_evidence(case: Case) -> bool:
 def needs_whole_ensemble(case: Case) -> bool:
     """Return True if any output needs a reduction over the whole ensemble."""
     return (
-        is_weighted_by_evidence(case)
+        _is_weighted_by_evidence(case)
         or bool(case.sensors.lines)
         or reports_posteriors(case)
         or reports_search_status(case)

@@ -149,7 +149,7 @@ def _read_answers(pipe: Any, answers: "queue.SimpleQueue[Message | None]", most:
     """Put answers into the queue, and None after the last one."""
     try:
         while True:
-            answers.put(receive(pipe, most))
+            answers.put(_receive(pipe, most))
     except Exception:  # the end of the pipe, or bytes that are no valid message
         answers.put(None)
     finally:
@@ -203,7 +203,7 @@ def _read_questions(
     """Put requests into the queue; end the process when the input ends."""
     with contextlib.suppress(Exception), open(0, "rb", buffering=0, closefd=False) as pipe:
         while True:
-            questions.put(receive(pipe, sys.maxsize))
+            questions.put(_receive(pipe, sys.maxsize))
     questions.put(None)
     time.sleep(FAREWELL)
     leave()
@@ -236,7 +236,7 @@ def send(pipe: Any, document: dict[str, Any], content: Any = b"") -> None:
             left = left[pipe.write(left) :]
 
 
-def receive(pipe: Any, most: int) -> Message:
+def _receive(pipe: Any, most: int) -> Message:
     """Read a message from an unbuffered pipe.
 
     Raises EOFError at its end, ValueError for a malformed message.

@@ -56,7 +56,7 @@ def open_store(folder: str, **options: Any) -> xr.Dataset:
 def damage(folder: str, error: Exception) -> UserError:
     """Return a UserError that says which part of a store is damaged, given a library's error."""
     with suppress(Exception):  # the search itself may fail on the damage
-        if found := first_damaged(folder, SMALL):
+        if found := _first_damaged(folder, SMALL):
             name, cause = found
             place = os.path.join(folder, name)
             return UserError(
@@ -178,7 +178,7 @@ def _holds_objects(written: Any) -> bool:
     return False  # no NumPy type: Zarr rejects it, or it is a type of Zarr's own
 
 
-def first_damaged(folder: str, largest: int = 0) -> tuple[str, Exception] | None:
+def _first_damaged(folder: str, largest: int = 0) -> tuple[str, Exception] | None:
     """Return the name of the first array of a store that cannot be opened, and the error.
 
     None if all can be opened. Values of arrays up to the size `largest` [bytes] are read as well.

@@ -31,7 +31,7 @@ def _east_of(lon: ArrayLike, reference: float) -> Array:
     return np.asarray(sphere.wrap_degrees(np.asarray(lon, float) - reference))
 
 
-def solid_rotation(
+def _solid_rotation(
     box: Box, speed: float = 0.5, pole_lon: float = 40.0, pole_lat: float = 60.0
 ) -> Flow:
     """Return a rotation of the whole sphere about the axis through (pole_lon, pole_lat) [deg].
@@ -50,7 +50,7 @@ def solid_rotation(
     return flow
 
 
-def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
+def _stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
     """Return Stommel's (1948, doi:10.1029/TR029i002p00202) gyre over the box.
 
     Its interior is slow and its western boundary current fast. boundary: width of that current as a
@@ -79,7 +79,7 @@ def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
     return flow
 
 
-def inertial(
+def _inertial(
     box: Box,
     speed: float = 0.3,
     mean_east: float = 0.05,
@@ -155,7 +155,7 @@ HALF = 38e3  # [m] half width of the jet
 TIDE = 86_164.1  # [s] period of K1, nearly inertial in the Gulf
 
 
-def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
+def _gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
     """Return a jet like the Loop Current with drifting eddies and a weak daily tide [m/s].
 
     Jet and eddies derive from one streamfunction, so they have no divergence. The jet's
@@ -260,7 +260,7 @@ def _signed_distance(
     return right * far, np.where(on, uy, right * dx) / by, np.where(on, -ux, right * dy) / by
 
 
-def breeze(
+def _breeze(
     box: Box,
     speed: float = 7.0,
     toward: float = 300.0,
@@ -295,11 +295,11 @@ def breeze(
 
 # kind -> (builder, quantities that it may stand for, default grid spacing [deg])
 KINDS: dict[str, tuple[Callable[..., Flow], tuple[str, ...], float]] = {
-    "gulf": (gulf, ("current",), 0.05),
-    "solid_rotation": (solid_rotation, velocities(), 0.25),
-    "stommel_gyre": (stommel_gyre, ("current",), 0.05),
-    "inertial": (inertial, ("current",), 0.25),
-    "breeze": (breeze, ("wind",), 0.25),
+    "gulf": (_gulf, ("current",), 0.05),
+    "solid_rotation": (_solid_rotation, velocities(), 0.25),
+    "stommel_gyre": (_stommel_gyre, ("current",), 0.05),
+    "inertial": (_inertial, ("current",), 0.25),
+    "breeze": (_breeze, ("wind",), 0.25),
 }
 
 

@@ -226,7 +226,7 @@ def _stated_level(name: str, attributes: Mapping[str, Any], quantity: str) -> Le
     """
     if _at_surface(attributes):
         return None
-    return of_attributes(attributes, quantity) or of_name(name, quantity)
+    return _of_attributes(attributes, quantity) or _of_name(name, quantity)
 
 
 def same(data: xr.Dataset, other: xr.Dataset, dim: str, index: int) -> bool:
@@ -363,7 +363,7 @@ def _sigma_from_surface(values: Real, quantity: str, upwards: bool | None) -> Re
     return np.abs(values)
 
 
-def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None:
+def _of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None:
     """Return the level that a variable's attributes state explicitly.
 
     None if they state none or the surface.
@@ -411,7 +411,7 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
     return None
 
 
-def of_name(name: str, quantity: str) -> Levels | None:
+def _of_name(name: str, quantity: str) -> Levels | None:
     """Return the level that the name of a variable states; None if it states none."""
     in_air = QUANTITIES[quantity].in_air
     for hit in MEASURED.finditer(name):

@@ -44,7 +44,7 @@ class Pair:
     how: str
 
 
-def said(attributes: Attributes) -> str | None:
+def _said(attributes: Attributes) -> str | None:
     """Return what the attributes say a variable is: a quantity, "other", or None if nothing."""
     standard = _standard_name(attributes, "standard_name")
     standard = "" if standard in ("unknown", "none") else standard  # GRIB converters write this
@@ -132,9 +132,9 @@ def _by_common_name(quantity: str, variables: Mapping[str, Attributes]) -> Pair 
         pair = [name if name in variables else folded.get(name.lower()) for name in (east, north)]
         if pair[0] is None or pair[1] is None:
             continue
-        statements = {said(variables[name]) for name in pair if name is not None}
+        statements = {_said(variables[name]) for name in pair if name is not None}
         if QUANTITIES[quantity].scalar:
-            statements = set()  # `said` knows velocities
+            statements = set()  # `_said` knows velocities
         if statements - {None, quantity} or (
             east in PLAIN and not QUANTITIES[quantity].plain and None in statements
         ):
@@ -233,7 +233,7 @@ def _absence_message(quantity: str, variables: Mapping[str, Attributes], name: s
                 _standard_name(a, "standard_name") in components[present]
                 or (
                     n in components[present]
-                    and said(a) in (None, quantity)
+                    and _said(a) in (None, quantity)
                     and (n not in PLAIN or QUANTITIES[quantity].plain)
                 )
             )

@@ -46,7 +46,7 @@ class Flags:
 def apply(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
     """Return a variable with invalid values set to NaN; a note on each rule goes to `notes`."""
     variable = data.variables[name]
-    limits = valid_limits(variable.attrs, variable.encoding)
+    limits = _valid_limits(variable.attrs, variable.encoding)
     flags = _find_flags(data, name)
     if limits is None and not flags:
         return variable
@@ -80,7 +80,7 @@ def apply(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
     return derive(variable, read)
 
 
-def valid_limits(
+def _valid_limits(
     attributes: Mapping[str, Any], packing: Mapping[str, Any]
 ) -> tuple[float, float] | None:
     """Return the (least, greatest) valid value of a variable in unpacked units.
@@ -118,7 +118,7 @@ def unpacked(attributes: Mapping[Any, Any], packing: Mapping[str, Any]) -> dict[
     """Return attributes with limits in unpacked units, for a variable that is already unpacked."""
     if not _is_packed(packing) or not any(key in attributes for key in LIMITS):
         return dict(attributes)
-    limits = valid_limits(attributes, packing)
+    limits = _valid_limits(attributes, packing)
     rest = {key: value for key, value in attributes.items() if key not in LIMITS}
     return rest if limits is None else rest | {"valid_range": np.array(limits)}
 

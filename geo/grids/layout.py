@@ -240,7 +240,7 @@ def extents(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array]:
     return middle[:, 0] + unwrapped.min(axis=1), width, lower, upper
 
 
-def points_in_box(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]:
+def _points_in_box(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]:
     """Return which points [deg] lie in a box grown by a margin [deg of a great circle]."""
     south, north = box.south - margin, box.north + margin
     cosine = np.cos(np.radians(min(89.0, max(abs(south), abs(north)))))
@@ -264,7 +264,7 @@ def crop(layout: Layout, box: Box | None) -> Layout | None:
     if isinstance(layout, Triangles):
         return _crop_triangles(layout, box)
     lon, lat = points(layout)
-    inside = points_in_box(lon, lat, box, 3 * spacing(layout))
+    inside = _points_in_box(lon, lat, box, 3 * spacing(layout))
     if not inside.any():
         return None
     j, i = np.nonzero(inside.any(axis=1))[0], np.nonzero(inside.any(axis=0))[0]

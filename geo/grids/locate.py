@@ -110,10 +110,10 @@ def locate(
                 f'"{lon_name}" ({len(lon)}) and "{lat_name}" ({len(lat)}) are not the columns and rows of "{name}" '
                 f"({dims[1]} = {sizes[1]}, {dims[0]} = {sizes[0]}); set variables = {{ lon = ..., lat = ... }}"
             )
-        return axes(lon, lat, lon_name, lat_name), notes
+        return _axes(lon, lat, lon_name, lat_name), notes
     lon, lat = _component_points(component, lon_name, lon, lat, notes)
     if _is_rectilinear(lon, lat):
-        return axes(lon[0], lat[:, 0], lon_name, lat_name), notes
+        return _axes(lon[0], lat[:, 0], lon_name, lat_name), notes
     angle = _file_angle(data, chosen, lon, lat, notes)
     grid = Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle)
     return absent.extended(seam.close_seam(grid, notes)), notes
@@ -329,7 +329,7 @@ def _is_rectilinear(lon: Array, lat: Array) -> bool:
     )
 
 
-def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
+def _axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
     """Return rectilinear axes in ascending order, unwrapped and without repeated columns.
 
     Args:

@@ -86,7 +86,7 @@ def offsets(
     own = tuple(map(str, data[lon_name].dims))[-2:]
     along = [0.0, 0.0]
     if "stagger" in chosen:  # it takes precedence over names
-        along[1 - side] = stated(name, lon_name, chosen)
+        along[1 - side] = _stated(name, lon_name, chosen)
         return along[0], along[1]
     if own != dims and set(own) != set(dims):
         shifts = [_axis_shift(data, d, o) for d, o in zip(dims, own, strict=True)]
@@ -97,11 +97,11 @@ def offsets(
     elif name in NEMO[side] or _has_nemo_mask(data, dims, side):
         along[1 - side] = STATED["after"]
         return along[0], along[1]
-    along[1 - side] = stated(name, lon_name, chosen)
+    along[1 - side] = _stated(name, lon_name, chosen)
     return along[0], along[1]
 
 
-def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
+def _stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
     """Return the offset [cells] that the case states; raise UserError if it states none."""
     if "stagger" not in chosen:
         raise UserError(

@@ -58,7 +58,7 @@ def _tail(z: ti.f32) -> ti.f32:
 
 
 @ti.func
-def normal_below(x: ti.f32) -> ti.f32:
+def _normal_below(x: ti.f32) -> ti.f32:
     """Return the standard normal distribution function at x."""
     z = ti.abs(x) * 0.7071067811865476
     half = 0.5 * _tail(z) * ti.exp(-z * z)
@@ -84,13 +84,13 @@ def by(before: ti.f32, after: ti.f32, variance: ti.f32, share: ti.f32) -> ti.f32
             (b * (1.0 - share) + a * share) / spread,
             (b * (1.0 - share) - a * share) / spread,
         )
-        touched = normal_below(-mean)
+        touched = _normal_below(-mean)
         # The mirror image counts bridges that crossed the line and came back. exp(-2 a b /
         # variance) may overflow; its product with the tail does not.
         if mirrored >= 0.0:
             touched += 0.5 * ti.exp(-0.5 * mean * mean) * _tail(mirrored * 0.7071067811865476)
         else:
-            touched += ti.exp(-2.0 * a * b / variance) * normal_below(-mirrored)
+            touched += ti.exp(-2.0 * a * b / variance) * _normal_below(-mirrored)
     return ti.min(touched, 1.0)
 
 

@@ -76,7 +76,7 @@ def near(kind: ti.template(), ear: Ear, a: f32x2, b: f32x2, stray: ti.f32) -> ti
 
 
 @ti.func
-def pod(kind: ti.template(), ear: Ear, pods: ti.template(), at: f32x2) -> ti.f32:
+def _pod(kind: ti.template(), ear: Ear, pods: ti.template(), at: f32x2) -> ti.f32:
     """Return the POD at table coordinates; pods: (rays * rings,) or (rows * columns,)."""
     found = 0.0
     if ti.static(kind == PLACES):
@@ -120,7 +120,7 @@ def hazard(
             halves = d.norm() / fine
         parts = ti.min(ti.max(ti.cast(ti.ceil(halves), ti.i32), 1), listen.MOST_PARTS)
         for k in range(parts):
-            total -= ti.log(ti.max(1.0 - pod(kind, ear, pods, a + (k + 0.5) / parts * d), LEAST))
+            total -= ti.log(ti.max(1.0 - _pod(kind, ear, pods, a + (k + 0.5) / parts * d), LEAST))
         total *= ear.rate * lasting / parts
     return total
 

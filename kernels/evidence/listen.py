@@ -111,7 +111,7 @@ def round_table(
 
 
 @ti.func
-def excess(
+def _excess(
     ear: Ear,
     losses: ti.template(),
     around: ti.template(),
@@ -216,7 +216,7 @@ def hear(
         while here <= 1.0:
             many = 0
             while many < nodes and here <= 1.0:
-                there = excess(ear, losses, around, limits, a + here * d, aside)
+                there = _excess(ear, losses, around, limits, a + here * d, aside)
                 deviations = (there[0] + source) * ear.unit
                 part = ti.max(there[1] * unit, least)
                 stop = nearest if here < nearest else 1.0
@@ -302,7 +302,7 @@ def out_of_reach(
 
 
 class Tables(NamedTuple):
-    """Tables of a sonar on a stretch of its track, on the host; see `excess` and `level`.
+    """Tables of a sonar on a stretch of its track, on the host; see `_excess` and `level`.
 
     All arrays are float32.
     """
@@ -413,7 +413,7 @@ class Laid(NamedTuple):
     """A sonar on a stretch of its track, as kernels take it."""
 
     ear: Any
-    # losses, around (see `excess`), levels, speeds, offsets, limits, all flat
+    # losses, around (see `_excess`), levels, speeds, offsets, limits, all flat
     tables: tuple[np.ndarray, ...]
 
 

@@ -152,7 +152,7 @@ def _known(
 
 
 @ti.func
-def fit(time: ti.f32, sensor: ti.template()) -> ti.f32:
+def _fit(time: ti.f32, sensor: ti.template()) -> ti.f32:
     """Return the density [1/s] of the sensor's reported time if the touch was at `time`."""
     z = (time - sensor.tau) / sensor.error
     return ti.exp(-0.5 * z * z) * 0.3989422804014327 / sensor.error
@@ -171,7 +171,7 @@ def _fits(
     before, after = known[2], known[3]
     total = 0.0
     if variance <= 0.0:
-        total = known[1] * fit(
+        total = known[1] * _fit(
             begin + lasting * ti.abs(before) / ti.max(ti.abs(before - after), 1e-30), sensor
         )
     else:
@@ -185,7 +185,9 @@ def _fits(
             past = touch.by(before, after, variance, low)
             for part in range(many):
                 gone = touch.by(before, after, variance, low + share * (part + 1))
-                total += (gone - past) * fit(begin + lasting * (low + share * (part + 0.5)), sensor)
+                total += (gone - past) * _fit(
+                    begin + lasting * (low + share * (part + 0.5)), sensor
+                )
                 past = gone
     return total
 
@@ -261,7 +263,7 @@ def observe(
 
 
 @ti.func
-def told_by(
+def _told_by(
     besides: ti.template(), log_stayed: ti.f32, told: ti.f32, found: f32x3, since: ti.f32
 ) -> ti.f32:
     """Return the sensor's reading of a path extended by one more piece.
@@ -375,7 +377,7 @@ def _observing(Ways: Any, steers: bool) -> Any:
                     found = observe(kind, besides, piece, sensor, corners, key)
                     if ti.static(besides != WHETHER):
                         so_far = log_stayed + ti.log(stays)
-                        told[i] = told_by(besides, so_far, told[i], found, ti.cast(since, ti.f32))
+                        told[i] = _told_by(besides, so_far, told[i], found, ti.cast(since, ti.f32))
                     stays *= found[0]
                 here = pieces.next_piece(steers, paths, here, state, 0)
             if stays < 1.0:

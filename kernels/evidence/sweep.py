@@ -163,7 +163,7 @@ def chance(curve: ti.template(), x: ti.f32) -> ti.f32:
 
 
 @ti.func
-def piece(
+def _piece(
     kind: ti.template(),
     a: f32x2,
     b: f32x2,
@@ -252,7 +252,7 @@ def _relative_polar(x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32) -> f32
 
 
 @ti.func
-def apart(
+def _apart(
     polar: ti.template(),
     x: ti.i32,
     y: ti.i32,
@@ -365,7 +365,7 @@ def _pass(
     """Write the log miss probability where a part of a bridge first comes abeam of a leg.
 
     A Brownian bridge crosses the abeam line infinitely often; only the first crossing on each leg
-    is counted. number: of the leg; other arguments as in `piece`.
+    is counted. number: of the leg; other arguments as in `_piece`.
     """
     along_a = a[0] * course[first] + a[1] * course[first + 1]
     along_b = b[0] * course[last] + b[1] * course[last + 1]
@@ -406,7 +406,7 @@ def _all_along(
         b = _at(polar, x, y, to_x, to_y, (time[k + 1] - way.begin) * pace, k + 1, place, trig)
         far_b = ti.sqrt(b[0] * b[0] + b[1] * b[1])
         if leg[k] > 0:
-            total += piece(
+            total += _piece(
                 kind,
                 a,
                 b,
@@ -525,10 +525,10 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                         for k in range(nodes):
                             low, high = ti.max(time[k], begin), ti.min(time[k + 1], end)
                             if leg[k] > 0 and low < high and halve == 0:
-                                a = apart(
+                                a = _apart(
                                     polar, x, y, to_x, to_y, begin, pace, low, k, time, place, trig
                                 )
-                                b = apart(
+                                b = _apart(
                                     polar, x, y, to_x, to_y, begin, pace, high, k, time, place, trig
                                 )
                                 node, to_node = (
@@ -546,7 +546,7 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                                         if ti.static(kind == CUBE):
                                             # Passes the middle of the part at the relative speed of
                                             # the leg.
-                                            s0 = apart(
+                                            s0 = _apart(
                                                 polar,
                                                 x,
                                                 y,
@@ -560,7 +560,7 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                                                 place,
                                                 trig,
                                             )
-                                            s1 = apart(
+                                            s1 = _apart(
                                                 polar,
                                                 x,
                                                 y,
@@ -597,7 +597,7 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                                                 i,
                                             )
                                 if adds:
-                                    found += piece(
+                                    found += _piece(
                                         kind,
                                         a,
                                         b,

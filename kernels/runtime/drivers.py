@@ -24,14 +24,14 @@ FEATURES = {"float64": 39, "int64": 40}  # by their index in VkPhysicalDeviceFea
 def ask(backend: str) -> Listed:
     """Return the devices that the driver of a backend lists: cuda, vulkan or metal."""
     try:
-        return {"cuda": cuda, "vulkan": vulkan, "metal": metal}[backend]()
+        return {"cuda": _cuda, "vulkan": _vulkan, "metal": _metal}[backend]()
     except AttributeError as error:  # a function is missing
         return Listed(
             backend, (), f"the driver's library is too old ({error})", "update the driver"
         )
 
 
-def cuda() -> Listed:
+def _cuda() -> Listed:
     """Return NVIDIA's cards in the order of CUDA, of which Taichi takes the first."""
     driver = _library("libcuda.so", "nvcuda.dll")
     if driver is None and _library("libcuda.so.1") is not None:
@@ -108,7 +108,7 @@ def _nvml(bus: bytes) -> tuple[str, int | None]:
     return _text(version.raw), memory[1] if known else None
 
 
-def metal() -> Listed:
+def _metal() -> Listed:
     """Return the graphics unit of an Apple processor."""
     if sys.platform != "darwin" or platform.machine() != "arm64":
         return Listed("metal", (), "it is for macOS on Apple's own processors")
@@ -116,7 +116,7 @@ def metal() -> Listed:
     return Listed("metal", (Device("metal", 0, "Apple GPU", "integrated", driver),))
 
 
-def vulkan() -> Listed:
+def _vulkan() -> Listed:
     """Return the devices of all Vulkan drivers, in the loader's order."""
     loader = _library("libvulkan.so.1", "vulkan-1.dll", "libvulkan.1.dylib")
     install = "install the card's driver (Debian: libvulkan1 and mesa-vulkan-drivers, or NVIDIA's)"

@@ -154,7 +154,7 @@ def settled(key: Chance, phase: ti.i32, number: ti.i32) -> ti.types.vector(4, ti
 
 
 @ti.func
-def drawn(key: Chance, number: ti.i32) -> ti.types.vector(4, ti.u32):
+def _drawn(key: Chance, number: ti.i32) -> ti.types.vector(4, ti.u32):
     """Return random words for a choice made under way."""
     return noise.further(
         key.seed0, key.seed1, noise.STREAM_AIM, key.slot, key.step, key.count * WORDS + number + 1
@@ -176,7 +176,7 @@ def course_of(plan: ti.template(), key: Chance, phase: ti.i32):
     They are drawn for a phase that keeps courses.
     """
     at = phase * PHASE_LAW
-    w, v = drawn(key, 0), drawn(key, 1)
+    w, v = _drawn(key, 0), _drawn(key, 1)
     course = spreads.triangle(law(plan.laws, at), noise.uniform(w[0]), noise.uniform(w[1]))
     speed = spreads.triangle(law(plan.laws, at + 4), noise.uniform(v[0]), noise.uniform(v[1]))
     return course, speed, w[2]
@@ -189,7 +189,7 @@ def law(table: ti.template(), first: ti.i32) -> f32x4:
 
 
 @ti.func
-def speed_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)) -> ti.f32:
+def _speed_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)) -> ti.f32:
     """Return the speed [m/s] fixed at birth for a phase; words: those of number 0."""
     speeds = law(plan.laws, phase * PHASE_LAW + 4)
     return spreads.triangle(speeds, noise.uniform(words[0]), noise.uniform(words[1]))
@@ -198,7 +198,7 @@ def speed_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u3
 @ti.func
 def own_speed(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
     """Return the speed [m/s] fixed at birth for a phase."""
-    return speed_of(plan, phase, settled(key, phase, 0))
+    return _speed_of(plan, phase, settled(key, phase, 0))
 
 
 @ti.func
@@ -222,7 +222,9 @@ def own_k(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
 
 
 @ti.func
-def destination_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)) -> ti.i32:
+def _destination_of(
+    plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)
+) -> ti.i32:
     """Return the number of a phase's destination, from 0; words: those of number 0."""
     u = noise.uniform(words[3])
     row = phase * PHASE
@@ -237,7 +239,7 @@ def destination_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4,
 @ti.func
 def own_destination(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
     """Return the number of a phase's destination, from 0."""
-    return destination_of(plan, phase, settled(key, phase, 0))
+    return _destination_of(plan, phase, settled(key, phase, 0))
 
 
 @ti.func
@@ -383,12 +385,12 @@ def aim(
             else:
                 point = -1
                 w = settled(key, t.phase, 0)
-                t.speed = speed_of(plan, t.phase, w)
+                t.speed = _speed_of(plan, t.phase, w)
                 if kind == WAY:
                     point = plan.numbers[row + 1] + t.leg
                     if t.leg >= plan.numbers[row + 2]:
                         point = plan.numbers[row + 1] + plan.numbers[row + 2]
-                        point += destination_of(plan, t.phase, w)
+                        point += _destination_of(plan, t.phase, w)
                 else:
                     t, point = _loiter(plan, key, t)
                 if point >= 0:
@@ -422,14 +424,14 @@ def _way_point(
     tries, good = 0, 0
     x, y, time, far = t.lon, t.lat, t.time, 0.0
     while good == 0 and tries < TRIES:
-        x, y, good = draw_waypoint(plan, key, t.phase, point, before, drawn(key, tries))
+        x, y, good = draw_waypoint(plan, key, t.phase, point, before, _drawn(key, tries))
         if coastal == 1:
             if good == 1 and plan.numbers[plan.stories_at + story * STORY + 2] & WET:
                 good = is_wet(x, y, coast)
         way = sphere.offset(t.lon, t.lat, x, y)
         far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
         if not by_speed:
-            w = drawn(key, TIMES + tries)
+            w = _drawn(key, TIMES + tries)
             time = when(plan, point, start, w[0], w[1])
             lasting = ti.cast(time - t.time, ti.f32)
             if lasting < 1.0 or far > fastest * lasting or far < slowest * lasting:
@@ -476,11 +478,11 @@ def _act(plan: ti.template(), key: Chance, target: Target):
     """
     t = target
     row = plan.behaviours_at + plan.numbers[t.phase * PHASE + 8] * BEHAVIOUR
-    w = drawn(key, 0)
+    w = _drawn(key, 0)
     if t.leg == 0:
         own = first(key, t.phase)
         t.course, t.speed, _word = course_of(plan, own, t.phase)
-        t.leg, w = FREE, drawn(own, 2)
+        t.leg, w = FREE, _drawn(own, 2)
     else:
         was, choice = t.leg, noise.uniform(w[0])
         hide, seek = plan.laws[row + 4], plan.laws[row + 3]
@@ -512,7 +514,7 @@ def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> t
     The tracker's position is the present one.
     """
     tracker = t.phase * PHASE + 4
-    x, y, pace = tracker_at(plan, plan.numbers[tracker], plan.numbers[tracker + 1], t.time)
+    x, y, pace = _tracker_at(plan, plan.numbers[tracker], plan.numbers[tracker + 1], t.time)
     dlon, dlat = set_at(t, t.time)
     sight = sphere.offset(t.lon + dlon, t.lat + dlat, x, y)
     course = angles.atan2(sight[0], sight[1])
@@ -530,7 +532,7 @@ def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> t
 
 
 @ti.func
-def tracker_at(plan: ti.template(), vertex: ti.i32, many: ti.i32, time: ti.i32):
+def _tracker_at(plan: ti.template(), vertex: ti.i32, many: ti.i32, time: ti.i32):
     """Return (lon, lat, velocity east and north [m/s]) of a tracker at a time [s].
 
     Before and after its track it is stationary.
@@ -579,7 +581,7 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
     t = target
     row, first = t.phase * PHASE, t.phase * PHASE_LAW
     vertex, many = plan.numbers[row + 4], plan.numbers[row + 5]
-    w = drawn(key, 0)
+    w = _drawn(key, 0)
     if t.leg < 2:
         t.course = 6.283185307179586 * noise.uniform(w[0])
     else:

@@ -30,7 +30,7 @@ Settled = ti.types.argpack(
 
 
 @ti.func
-def own_arrival(plan: ti.template(), key: Chance, phase: ti.i32, departure: ti.i32) -> ti.i32:
+def _own_arrival(plan: ti.template(), key: Chance, phase: ti.i32, departure: ti.i32) -> ti.i32:
     """Return when [s] a target reaches the last way point of a phase without way point times."""
     speed, time = itinerary.own_speed(plan, key, phase), departure
     row = phase * PHASE
@@ -78,7 +78,7 @@ def _settle(
             out.k[i] = itinerary.own_k(plan, key, phase)
         phase = wanted[row + ARRIVAL]
         if phase >= 0:
-            out.arrival[i] = own_arrival(plan, key, phase, steer_whole[Own.DEPARTURE * n + i])
+            out.arrival[i] = _own_arrival(plan, key, phase, steer_whole[Own.DEPARTURE * n + i])
 
 
 def settle(columns, own: Batch, plan, seed: int, wanted, out) -> None:

@@ -100,7 +100,7 @@ Terms = ti.types.struct(
 
 
 @ti.func
-def loaded(columns: ti.template(), i: ti.i32, elapsed: ti.i32) -> Target:
+def _loaded(columns: ti.template(), i: ti.i32, elapsed: ti.i32) -> Target:
     """Return target i from its columns, at the begin of a step [s] or at its departure."""
     own, real = ti.static(columns.steer_whole, columns.steer_real)
     n = columns.lon.shape[0]  # a row's length
@@ -147,7 +147,7 @@ def under_way(columns: ti.template(), i: ti.i32, end: ti.i32):
 
 
 @ti.func
-def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
+def _wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
     """Return K [m/sqrt(s)] of the path on which a target is; 0: it keeps to its line."""
     k = 0.0
     if plan.numbers[target.phase * PHASE] == itinerary.WAY:
@@ -156,10 +156,10 @@ def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
 
 
 @ti.func
-def piece(plan: ti.template(), key: Chance, target: Target, k: ti.f32, until: ti.i32):
+def _piece(plan: ti.template(), key: Chance, target: Target, k: ti.f32, until: ti.i32):
     """Return (lon, lat, time) at the end of a target's next piece.
 
-    The piece ends at `until` [s] or at the next event. k: see `wanders`.
+    The piece ends at `until` [s] or at the next event. k: see `_wanders`.
     """
     end = ti.min(until, target.to_time)
     x, y = target.to_lon, target.to_lat
@@ -180,7 +180,7 @@ def piece(plan: ti.template(), key: Chance, target: Target, k: ti.f32, until: ti
 
 
 @ti.func
-def amid(
+def _amid(
     plan: ti.template(),
     target: Target,
     k: ti.f32,
@@ -206,7 +206,7 @@ def amid(
 
 
 @ti.func
-def stretch(
+def _stretch(
     apart: ti.template(),
     coastal: ti.i32,
     plan: ti.template(),
@@ -222,7 +222,7 @@ def stretch(
     A piece that meets the shore ends there. apart: whether to return the state LATER if a way point
     is reached or the shore may be met.
     """
-    x, y, time = piece(plan, key, target, k, until)
+    x, y, time = _piece(plan, key, target, k, until)
     state, edge = life.UNDER_WAY, -1
     if ti.static(apart):
         if time == target.to_time:
@@ -247,7 +247,7 @@ def stretch(
 
 
 @ti.func
-def reached(
+def _reached(
     apart: ti.template(),
     coastal: ti.i32,
     plan: ti.template(),
@@ -293,14 +293,14 @@ def _moved(
 ):
     """Move target i and write its pieces, as `_steer` does for all.
 
-    apart: whether to put the target aside when `stretch` returns LATER.
+    apart: whether to put the target aside when `_stretch` returns LATER.
     """
     end = elapsed + duration
     resting = columns.status[i] == life.ARRIVED or columns.status[i] == life.AGROUND
     if noted != MOVED:
         pieces.piece_count[i] = NONE
     if under_way(columns, i, end) or (noted != MOVED and resting):
-        t = loaded(columns, i, elapsed)
+        t = _loaded(columns, i, elapsed)
         which = columns.scenario[i]
         key = Chance(terms.seed0, terms.seed1, birth(columns, i), i + shift[which], step, 0)
         state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
@@ -312,8 +312,8 @@ def _moved(
             k = ti.f32(0.0)
             if state == life.UNDER_WAY:
                 key.count += 1
-                k = wanders(plan, key, t)
-                x, y, time, state_then, met = stretch(
+                k = _wanders(plan, key, t)
+                x, y, time, state_then, met = _stretch(
                     apart, coastal, plan, key, which, t, k, until, coast
                 )
             if ti.static(apart):
@@ -328,7 +328,7 @@ def _moved(
                 here = note(pieces, i, here, seen, x + dlon, y + dlat, time, k, key.count)
             if state == life.UNDER_WAY and state_then == life.UNDER_WAY:
                 turned |= ti.cast(time == t.to_time, ti.i32)
-                t = reached(apart, coastal, plan, key, which, t, x, y, time, coast)
+                t = _reached(apart, coastal, plan, key, which, t, x, y, time, coast)
                 if t.over == 1:
                     state_then = life.ARRIVED
             else:
@@ -498,14 +498,14 @@ def _found_inside(
     if half >= 0:
         when = begin + half * (until - begin) // 2
     if under_way(before, i, end) and when <= until and departure(before, i) <= when:
-        t = loaded(before, i, elapsed)
+        t = _loaded(before, i, elapsed)
         which = before.scenario[i]
         key = Chance(terms.seed0, terms.seed1, birth(before, i), i + shift[which], step, 0)
         state = life.UNDER_WAY
         while t.time < when and state == life.UNDER_WAY:
             key.count += 1
-            k = wanders(plan, key, t)
-            x, y, time, state_then, _edge = stretch(
+            k = _wanders(plan, key, t)
+            x, y, time, state_then, _edge = _stretch(
                 apart, coastal, plan, key, which, t, k, until, coast
             )
             if ti.static(apart):
@@ -520,12 +520,12 @@ def _found_inside(
                     terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment
                 )
                 normal = noise.normals(w[0], w[1])
-                t.lon, t.lat = amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
+                t.lon, t.lat = _amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
                 t.time = when
             else:
                 state = state_then
                 if state == life.UNDER_WAY:
-                    t = reached(apart, coastal, plan, key, which, t, x, y, time, coast)
+                    t = _reached(apart, coastal, plan, key, which, t, x, y, time, coast)
                     if t.over == 1:
                         state = life.ARRIVED
                 else:

@@ -32,14 +32,14 @@ class Inside(NamedTuple):
 
 
 @ti.func
-def covered(left: ti.i32, finish: ti.i32, time: ti.i32) -> ti.f32:
+def _covered(left: ti.i32, finish: ti.i32, time: ti.i32) -> ti.f32:
     """Return the share, 0 to 1, of a path from `left` to `finish` [s] that is covered by a time."""
     lasting = ti.cast(ti.max(finish - left, 1), ti.f32)
     return ti.min(ti.max(ti.cast(time - left, ti.f32) / lasting, 0.0), 1.0)
 
 
 @ti.func
-def starts(begin: ti.i32, finish: ti.i32, release: ti.i32, moving_since: ti.i32) -> ti.i32:
+def _starts(begin: ti.i32, finish: ti.i32, release: ti.i32, moving_since: ti.i32) -> ti.i32:
     """Return when [s] a particle begins to move after `begin`; finish: when it stops."""
     left = ti.max(begin, release)
     if moving_since < finish:
@@ -78,9 +78,9 @@ def _between(
             finish = end
             if status[i] != life.ADRIFT:
                 finish = ti.min(status_since[i], end)
-            first = starts(begin, finish, release[i], moving_since[i])
-            left = starts(since, finish, release[i], moving_since[i])
-            share = covered(left, finish, time)
+            first = _starts(begin, finish, release[i], moving_since[i])
+            left = _starts(since, finish, release[i], moving_since[i])
+            share = _covered(left, finish, time)
             spread = 0.0
             if status[i] == life.ADRIFT:
                 spread = ti.sqrt(
@@ -93,8 +93,8 @@ def _between(
             x, y = lon[i], lat[i]
             own = curve.f32x4([bend[4 * i + k] for k in ti.static(range(4))])
             # From a position inside the step, the track continues along the rest of the curve.
-            off = curve.off_chord(own, covered(first, finish, time))
-            off -= (1.0 - share) * curve.off_chord(own, covered(first, finish, since))
+            off = curve.off_chord(own, _covered(first, finish, time))
+            off -= (1.0 - share) * curve.off_chord(own, _covered(first, finish, since))
             way = curve.inside(polar, x, y, end_lon[i], end_lat[i], share, off)
             x_line, y_line = curve.end_of_way(polar, x, y, way)
             line_lon, line_lat = x_line - x, y_line - y

@@ -54,7 +54,7 @@ PANELS = 4  # of the midpoint rule for a step's integral of the hazard
 
 
 @ti.func
-def hazard(wind: f32x2, rate: ti.f32, blows: ti.f32, width: ti.f32) -> ti.f32:
+def _hazard(wind: f32x2, rate: ti.f32, blows: ti.f32, width: ti.f32) -> ti.f32:
     """Return the hazard [1/s] of a change by a wind [m/s]."""
     return rate / (1.0 + ti.exp((blows - wind.norm()) / width))
 
@@ -81,7 +81,7 @@ def _spend(
         wind = f32x2(
             winds[0] + share * (winds[2] - winds[0]), winds[1] + share * (winds[3] - winds[1])
         )
-        more = part * hazard(wind, table[at + RATE], table[at + BLOWS], table[at + WIDTH])
+        more = part * _hazard(wind, table[at + RATE], table[at + BLOWS], table[at + WIDTH])
         if due > 1.0 and spent + more >= wait and more > 0.0:
             due = first + (ti.cast(k, ti.f32) + ti.max(wait - spent, 0.0) / more) * part
         spent += more

@@ -48,7 +48,7 @@ def off_chord(bend: f32x4, share: ti.f32) -> f32x2:
 
 
 @ti.func
-def slope_off_chord(bend: f32x4, share: ti.f32) -> f32x2:
+def _slope_off_chord(bend: f32x4, share: ti.f32) -> f32x2:
     """Return the derivative of `off_chord` by the share."""
     a, b = (1.0 - share) * (1.0 - 3.0 * share), share * (2.0 - 3.0 * share)
     return f32x2(a * bend[0] - b * bend[2], a * bend[1] - b * bend[3])
@@ -57,7 +57,7 @@ def slope_off_chord(bend: f32x4, share: ti.f32) -> f32x2:
 @ti.func
 def cut_short(bend: f32x4, part: ti.f32) -> f32x4:
     """Return the bend of a track that ends after a part of the step."""
-    end, slope = off_chord(bend, part), slope_off_chord(bend, part)
+    end, slope = off_chord(bend, part), _slope_off_chord(bend, part)
     return f32x4(
         part * bend[0] - end[0],
         part * bend[1] - end[1],
@@ -87,7 +87,7 @@ def pieces(bend: f32x4, c: ti.f32, most: ti.i32) -> ti.i32:
 
 
 def slopes(bend: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return `slope_off_chord` on the host: lon, lat, (n,); bend: (4 n,), share: (n,)."""
+    """Return `_slope_off_chord` on the host: lon, lat, (n,); bend: (4 n,), share: (n,)."""
     each = bend.astype(np.float64).reshape(-1, 4)
     a, b = (1.0 - share) * (1.0 - 3.0 * share), share * (2.0 - 3.0 * share)
     return a * each[:, 0] - b * each[:, 2], a * each[:, 1] - b * each[:, 3]

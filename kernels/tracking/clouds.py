@@ -151,7 +151,7 @@ def apply_sweep(
     aside = east * bearing_cosine - north * bearing_sine
     sine, cosine = doubles.sincos(half)
     all_round = half > ti.f64(3.14159265)
-    near, far = chord(sweeps.sweep_real[e, Sweep.NEAR]), chord(sweeps.sweep_real[e, Sweep.FAR])
+    near, far = _chord(sweeps.sweep_real[e, Sweep.NEAR]), _chord(sweeps.sweep_real[e, Sweep.FAR])
     left, nearest = 0, ti.f64(4.0)
     whole, total, rate = ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
     mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
@@ -205,13 +205,13 @@ def apply_sweep(
 
 
 @ti.func
-def chord(angle: ti.f64) -> ti.f64:
+def _chord(angle: ti.f64) -> ti.f64:
     """Return the chord of an arc [rad] of the unit sphere."""
     return doubles.sin(angle * 0.5) * 2.0
 
 
 @ti.func
-def drawn_anew(
+def _drawn_anew(
     coastal: ti.template(),
     cloud: ti.template(),
     tracks: ti.template(),
@@ -308,7 +308,7 @@ def drawn_anew(
 
 
 @ti.func
-def duplicated(
+def _duplicated(
     cloud: ti.template(),
     rules: ti.template(),
     base: ti.i32,
@@ -350,7 +350,7 @@ def duplicated(
 
 
 @ti.func
-def summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
+def _summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
     """Return a cloud's sums at a time [s]: (weights, speeds, positions, velocities).
 
     All but the first are sums by weight.
@@ -370,7 +370,7 @@ def summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
 
 
 @ti.func
-def followed(
+def _followed(
     coastal: ti.template(),
     areas: ti.i32,
     k: ti.i32,
@@ -404,7 +404,7 @@ def followed(
             sweeps.sweep_real[e, Sweep.TIME],
             sweeps.sweep_whole[e, Sweep.OUTCOME],
             sweeps.sweep_whole[e, Sweep.ROW],
-            chord(sweeps.sweep_real[e, Sweep.FAR]),
+            _chord(sweeps.sweep_real[e, Sweep.FAR]),
         )
         if outcome == SILENT and row < 0 and far <= clear and time < clear_until:
             continue
@@ -446,14 +446,16 @@ def followed(
         if outcome == SILENT and count < before and share < rules.rule_real[law, Rule.BULK]:
             count = 0  # the track is lost
         elif outcome == DETECTED and few:
-            count, drawn = drawn_anew(
+            count, drawn = _drawn_anew(
                 coastal, cloud, tracks, rules, sweeps, e, k, count, size, drawn, seed0, seed1, coast
             )
-            total, rate, mean, velocity = summed(cloud, base, count, time)
+            total, rate, mean, velocity = _summed(cloud, base, count, time)
         elif outcome != MARK and count > 0 and share < rules.rule_real[law, Rule.PARTIAL]:
-            drawn = duplicated(cloud, rules, base, count, size, drawn, law, time, run, seed0, seed1)
+            drawn = _duplicated(
+                cloud, rules, base, count, size, drawn, law, time, run, seed0, seed1
+            )
             count = size
-            total, rate, mean, velocity = summed(cloud, base, count, time)
+            total, rate, mean, velocity = _summed(cloud, base, count, time)
         place = (tracks.track_whole[k, Track.FIRST_ROW] + row) * WIDE
         if before > 0 and count == 0:
             tracks.track_real[k, Track.LOST] = time
@@ -524,7 +526,7 @@ def _follow(
     """Process the sweeps of every cloud, each by a thread of its own."""
     for turn in range(clouds * BLOCK):
         if turn % BLOCK == 0:
-            followed(
+            _followed(
                 coastal,
                 areas,
                 turn // BLOCK,

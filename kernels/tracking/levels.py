@@ -44,22 +44,22 @@ def level(
     for pick in range(picks):
         i = base + pick * count // picks
         picked += cloud.own_real[i, Own.WEIGHT]
-        together += cloud.own_real[i, Own.WEIGHT] * at_one(
+        together += cloud.own_real[i, Own.WEIGHT] * _at_one(
             cloud, base, count, vector(cloud.own_real, i, Own.SCRATCH)
         )
     effective = total * picked / together
     reach = ti.f64(2.4 * 2.4) * squared / total * ti.f64(0.5) * doubles.inverse_cube_root(effective)
-    there = density(cloud, base, count, target, -1, reach)
+    there = _density(cloud, base, count, target, -1, reach)
     denser = ti.f64(0.0)
     for pick in range(picks):
         i = base + pick * count // picks
-        if density(cloud, base, count, vector(cloud.own_real, i, Own.SCRATCH), i, reach) > there:
+        if _density(cloud, base, count, vector(cloud.own_real, i, Own.SCRATCH), i, reach) > there:
             denser += cloud.own_real[i, Own.WEIGHT]
     return denser / picked
 
 
 @ti.func
-def at_one(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3) -> ti.f64:
+def _at_one(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3) -> ti.f64:
     """Return the weight of all particles at a place."""
     found = ti.f64(0.0)
     for j in range(count):
@@ -70,7 +70,7 @@ def at_one(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3) -> t
 
 
 @ti.func
-def density(
+def _density(
     cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3, without: ti.i32, reach: ti.f64
 ) -> ti.f64:
     """Return a cloud's density at a place, up to a factor, without one particle.

@@ -5,6 +5,7 @@ found, a line each. What happens on which backend was seen with Mesa 25 (Vulkan 
 """
 
 import ast
+import functools
 import importlib
 import inspect
 from collections.abc import Callable, Iterator
@@ -32,20 +33,23 @@ def _imported(module: str) -> Any:
     return importlib.import_module(".".join(FILES[module].relative_to(ROOT).with_suffix("").parts))
 
 
-def functions(module: str) -> Iterator[tuple[ast.FunctionDef, Names]]:
-    """Yield each kernel and device function of a module, with the names that it sees.
+@functools.cache
+def functions(module: str) -> tuple[tuple[ast.FunctionDef, Names], ...]:
+    """Return each kernel and device function of a module, with the names that it sees.
 
     Those of a function that makes kernels see its arguments too, of which nothing is known here.
     """
     tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
     names = vars(_imported(module))
+    found: list[tuple[ast.FunctionDef, Names]] = []
     for node in tree.body:
         given = (
             {one.arg: None for one in node.args.args} if isinstance(node, ast.FunctionDef) else {}
         )
         for inner in ast.walk(node):
             if decorated(inner, "kernel", "func"):
-                yield inner, names if inner is node else names | given
+                found.append((inner, names if inner is node else names | given))
+    return tuple(found)
 
 
 def kernels(module: str) -> dict[str, Any]:

@@ -77,10 +77,10 @@ def parse_positive_quantity(text: str, unit: str, option: str, example: str) -> 
 
 def shard_options(args: argparse.Namespace) -> dict[str, Any]:
     """Return the options of a run that divide it into shards: memory [GiB] and shards."""
-    return {"memory": parse_memory(args.memory), "shards": args.shards}
+    return {"memory": _parse_memory(args.memory), "shards": args.shards}
 
 
-def parse_memory(text: str | None) -> float | None:
+def _parse_memory(text: str | None) -> float | None:
     """Return a size of memory [GiB]; None if the option is not given."""
     if text is None:
         return None

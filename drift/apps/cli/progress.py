@@ -18,11 +18,11 @@ Report = Callable[[str, float], None]  # (phase, share of it that is done, 0 to 
 OFTEN = 0.2  # [s] shortest interval between two reports of one phase
 
 
-def ignore_progress(phase: str, share: float) -> None:
+def _ignore_progress(phase: str, share: float) -> None:
     """Report nothing."""
 
 
-def throttled(report_now: Report) -> Report:
+def _throttled(report_now: Report) -> Report:
     """Return a reporter that passes on a new phase at once, a share at most 5 times a second."""
     last = ("", 0.0)
 
@@ -36,7 +36,7 @@ def throttled(report_now: Report) -> Report:
     return report
 
 
-def write_progress_line(phase: str, share: float) -> None:
+def _write_progress_line(phase: str, share: float) -> None:
     """Write progress on standard error as one line: a record separator (RS) and JSON."""
     print(f"\x1e{json.dumps({'phase': phase, 'share': share})}", file=sys.stderr, flush=True)
 
@@ -59,7 +59,7 @@ def _beneath_cell() -> Iterator[Report]:
         shown.update(HTML(f"<progress{done}></progress> {html.escape(phase)}"))
 
     try:
-        yield throttled(report)
+        yield _throttled(report)
     finally:
         shown.update(HTML(""))
 
@@ -79,14 +79,14 @@ def progress(case: Case | None = None, *, quiet: bool = False) -> Iterator[Repor
         A context manager that yields the function (phase, share of it that is done, 0 to 1).
     """
     if os.environ.get("DRIFT_PROGRESS") == "lines":
-        yield throttled(write_progress_line)
+        yield _throttled(_write_progress_line)
         return
     if not quiet and _in_notebook():
         with _beneath_cell() as report_in_notebook:
             yield report_in_notebook
         return
     if quiet or not sys.stderr.isatty():
-        yield ignore_progress
+        yield _ignore_progress
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn

@@ -210,7 +210,7 @@ def _thin_areas(areas: list[Any]) -> tuple[float, list[Any]]:
     """
     for tolerance in TOLERANCES:
         found = [
-            (*area[:3], [thin for line in area[3] if len(thin := thin_line(line, tolerance)) > 1])
+            (*area[:3], [thin for line in area[3] if len(thin := _thin_line(line, tolerance)) > 1])
             for area in areas
         ]
         if sum(len(line) for area in found for line in area[3]) <= MOST:
@@ -218,7 +218,7 @@ def _thin_areas(areas: list[Any]) -> tuple[float, list[Any]]:
     return tolerance, found
 
 
-def thin_line(line: Line, tolerance: float) -> Line:
+def _thin_line(line: Line, tolerance: float) -> Line:
     """Return a line [deg] thinned to a tolerance [m] (Douglas and Peucker 1973).
 
     A closed line that is narrower than the tolerance is dropped: the result is empty.

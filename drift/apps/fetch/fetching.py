@@ -49,7 +49,7 @@ class Fetched:
     tables: str
 
 
-def area_and_span_of_case(
+def _area_and_span_of_case(
     case: str | os.PathLike[str] | Case, overrides: Mapping[str, str] | None = None
 ) -> tuple[Box, np.datetime64, np.datetime64]:
     """Return the domain and the span of a case, whose winds and currents may still be missing.
@@ -325,7 +325,7 @@ def ordered_span(
         raise UserError("give a case, or all of --box, --from and --to")
     # With box and times given, the case may be incomplete: it only gives the folder its name.
     area, first, last = (
-        area_and_span_of_case(case, overrides)
+        _area_and_span_of_case(case, overrides)
         if case is not None and not complete
         else (None, None, None)
     )

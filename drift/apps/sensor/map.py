@@ -249,7 +249,7 @@ def _marks(on: Page, axes: Axes, frame: Frame, found: Reach) -> None:
     axes.add_collection(
         LineCollection(rings, colors=INK, linewidths=0.6, alpha=0.75, zorder=7), autolim=False
     )
-    for number, bearing in rays(question):
+    for number, bearing in _rays(question):
         x, y = frame.project(
             *_positions(question, np.full(60, bearing), np.linspace(0.0, 0.93 * found.extent, 60))
         )
@@ -304,7 +304,7 @@ def _marks(on: Page, axes: Axes, frame: Frame, found: Reach) -> None:
     )
 
 
-def rays(asked: Question) -> list[tuple[int, float]]:
+def _rays(asked: Question) -> list[tuple[int, float]]:
     """Return numbers and true bearings [rad] of beams, mirror images included; [] if too many."""
     sonar = asked.sonar
     if sonar is None:
@@ -331,7 +331,7 @@ def _key(question: Question, has_excess: bool) -> list[tuple[Any, str]]:
     if question.has_array:
         arrow = Line2D([], [], color=RED, linewidth=2, marker=">", markevery=[-1], markersize=6)
         rows.append((arrow, "heading of its array"))
-    if rays(question):
+    if _rays(question):
         rows.append(
             (
                 Line2D([], [], color=INK, linewidth=0.8, linestyle=(0, (4, 3))),

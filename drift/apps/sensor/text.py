@@ -21,18 +21,18 @@ def reach_facts(found: Reach) -> dict[str, str]:
             f"nowhere: the probability is {100 * found.around.pod.max():.2g} % at most"
         )
     else:
-        facts[f"{pod} out to"] = spread(found.farthest)
+        facts[f"{pod} out to"] = _spread(found.farthest)
         if np.any(found.unbroken < found.farthest - 1.0):
-            facts[f"{pod} without a gap to"] = spread(found.unbroken)
+            facts[f"{pod} without a gap to"] = _spread(found.unbroken)
         order = reaching.bearings_by_range(found)
         first, last = int(order[0]), int(order[-1])
-        if is_omnidirectional(found):
+        if _is_omnidirectional(found):
             facts["bearings"] = "all equal"
         else:
-            facts["best bearing"] = f"{first:03d}, to {miles(found.farthest[first])}"
-            facts["worst bearing"] = f"{last:03d}, to {miles(found.farthest[last])}"
-        middle = median(found)
-        facts["zones" if is_omnidirectional(found) else f"zones on {middle:03d}"] = ", ".join(
+            facts["best bearing"] = f"{first:03d}, to {_miles(found.farthest[first])}"
+            facts["worst bearing"] = f"{last:03d}, to {_miles(found.farthest[last])}"
+        middle = _median(found)
+        facts["zones" if _is_omnidirectional(found) else f"zones on {middle:03d}"] = ", ".join(
             f"{a / NMI:.1f} to {b / NMI:.1f} nmi" for a, b in zones(found, middle)
         )
     return facts | {f"assumed, {name}": words for name, words in question.assumed}
@@ -43,10 +43,10 @@ def described(question: Question) -> str:
     words = [f"at {notation.stated_position(*question.place)}", notation.format_dtg(question.time)]
     if question.has_array:
         words.append(f"array on {round(math.degrees(question.heading)) % 360:03d}")
-    return ", ".join([*words, *([listened(question)] if listened(question) else [])])
+    return ", ".join([*words, *([_listened(question)] if _listened(question) else [])])
 
 
-def listened(question: Question) -> str:
+def _listened(question: Question) -> str:
     """Describe the processed beams; "" if there is only one."""
     sonar = question.sonar
     if sonar is None or len(sonar.gain.beams) == 1:
@@ -57,12 +57,12 @@ def listened(question: Question) -> str:
     return f"beam{'s' * (len(question.beams) > 1)} {', '.join(str(beam + 1) for beam in question.beams)} of {many}"
 
 
-def is_omnidirectional(found: Reach) -> bool:
+def _is_omnidirectional(found: Reach) -> bool:
     """Return True if the detection is the same on all bearings."""
     return bool(np.ptp(found.around.pod, axis=0).max() < 1e-4)
 
 
-def median(found: Reach) -> int:
+def _median(found: Reach) -> int:
     """Return the bearing [deg] with the median range; the first of several."""
     return int(np.argsort(np.round(found.farthest), kind="stable")[reaching.BEARINGS // 2])
 
@@ -72,12 +72,12 @@ def zones(found: Reach, bearing: int) -> list[tuple[float, float]]:
     return reaching.zones(found.range, found.around.pod[bearing])
 
 
-def miles(metres: float) -> str:
+def _miles(metres: float) -> str:
     """Return a range [m] as text in nautical miles."""
     return f"{metres / NMI:.1f} nmi" if metres > 0 else "nowhere"
 
 
-def spread(ranges: Array) -> str:
+def _spread(ranges: Array) -> str:
     """Return the minimum, median and maximum over bearings of ranges [m] as text."""
     least, middle, most = np.quantile(ranges, [0.0, 0.5, 1.0], method="higher") / NMI
     if most - least < 0.05:
@@ -87,7 +87,7 @@ def spread(ranges: Array) -> str:
 
 def summary_of_reach(found: Reach) -> dict[str, Any]:
     """Return the reach for programs; names end in the unit."""
-    question, order, middle = found.question, reaching.bearings_by_range(found), median(found)
+    question, order, middle = found.question, reaching.bearings_by_range(found), _median(found)
     sonar = question.sonar
     return {
         "name": question.sensor.name,

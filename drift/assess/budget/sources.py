@@ -262,6 +262,6 @@ def _nearest_to_mean(lon: Array, lat: Array) -> int:
     return int(np.argmin((apart**2).sum(axis=1)))
 
 
-def describe_off(found: Collection[Source]) -> str:
+def _describe_off(found: Collection[Source]) -> str:
     """Return what "off" means for each source, in one line."""
     return "; ".join(f"{source.name}: {source.off}" for source in found)

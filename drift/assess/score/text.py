@@ -16,12 +16,12 @@ LISTED = 20  # most incidents in a line of their own on the terminal
 
 def score_facts(score: Score) -> dict[str, str]:
     """Return the score of each find, what the areas held, and the tests."""
-    facts = {one.run: incident_in_words(one) for one in score.incidents[:LISTED]}
+    facts = {one.run: _incident_in_words(one) for one in score.incidents[:LISTED]}
     left = len(score.incidents) - LISTED
     if left > 0:
         facts["others"] = f"{left} more finds: see score.csv"
     for held in score.held:
-        facts[f"{notation.hundredths(held.share)} % area"] = held_in_words(held)
+        facts[f"{notation.hundredths(held.share)} % area"] = _held_in_words(held)
     apart = score.mean(np.array([one.separation for one in score.incidents]) / NMI)
     error = "" if np.isnan(apart.error) else f" +- {apart.error:.2g}"
     facts["most likely place"] = f"{apart.mean:.3g}{error} nmi from the find, on average"
@@ -31,7 +31,7 @@ def score_facts(score: Score) -> dict[str, str]:
     return facts
 
 
-def incident_in_words(one: Incident) -> str:
+def _incident_in_words(one: Incident) -> str:
     """Return the score of one find as text."""
     apart = (one.nearest - one.find.time) / np.timedelta64(1, "m")
     when = "at" if apart == 0 else f"{abs(apart):.0f} min {'after' if apart > 0 else 'before'}"
@@ -51,7 +51,7 @@ def incident_in_words(one: Incident) -> str:
     )
 
 
-def held_in_words(held: Held) -> str:
+def _held_in_words(held: Held) -> str:
     """Return how often an area held the find as text."""
     return (
         f"held {held.count} of {held.of} finds, {notation.percent(held.count / held.of, 0)} "

@@ -124,7 +124,7 @@ def mark_stranded(believed: Believed, coast: Coast, ends_aground: bool = False) 
     stopped = tuple(mask & ~own for mask, own in zip(believed.aground, ashore, strict=True))
     if ends_aground:
         for own, elsewhere, near_end in zip(
-            ashore, stopped, end_near_shore(believed.tracks, coast), strict=True
+            ashore, stopped, _end_near_shore(believed.tracks, coast), strict=True
         ):
             own[-1] |= near_end and not elsewhere[-1]
     return Stranded(believed.tracks, ashore, stopped)
@@ -154,7 +154,7 @@ def _middle(track: Track, spell: slice) -> tuple[float, float]:
     return float(track.lon[middle]), float(track.lat[middle])
 
 
-def end_near_shore(tracks: Sequence[Track], coast: Coast) -> Array:
+def _end_near_shore(tracks: Sequence[Track], coast: Coast) -> Array:
     """Return which tracks end near a case's shore."""
     return grounding.near_shore(
         coast, [track.lon[-1] for track in tracks], [track.lat[-1] for track in tracks]
@@ -225,7 +225,7 @@ def known_starts(
     found, left, ended_early = find_starts(stranded, every, length, gap, fastest)
     if ended_early:
         numbers, counts = np.unique(ended_early, return_counts=True)
-        near = end_near_shore([stranded.tracks[k] for k in numbers], coast)
+        near = _end_near_shore([stranded.tracks[k] for k in numbers], coast)
         left.ended_near = int(counts[near].sum())
     notes += left.notes(gap)
     if not found:

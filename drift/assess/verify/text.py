@@ -45,16 +45,16 @@ def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
     )
 
 
-def coverage_sentence(result: Verification, lead: int, share: float) -> str:
+def _coverage_sentence(result: Verification, lead: int, share: float) -> str:
     """Return as a sentence how often the area of a share held the drifter at a lead (index)."""
     held = result.held(lead, share)
     return (
-        f"after {result.leads[lead]:g} h the {100 * share:.0f} % area held {percent_with_error(held)} of "
+        f"after {result.leads[lead]:g} h the {100 * share:.0f} % area held {_percent_with_error(held)} of "
         f"{held.count} positions: {verdict(share, held, float(result.lost.mean()))}"
     )
 
 
-def percent_with_error(held: Estimate) -> str:
+def _percent_with_error(held: Estimate) -> str:
     """Return a share with its standard error, 84 % ± 4."""
     return f"{100 * held.mean:.0f} %{_more(100 * held.error, 0)}"
 
@@ -77,7 +77,7 @@ def uniform_area(log_score: float) -> str:
 
 def headline(result: Verification) -> str:
     """Return the sentence on the HEADLINE area at the longest lead."""
-    text = coverage_sentence(result, len(result.leads) - 1, verification.HEADLINE)
+    text = _coverage_sentence(result, len(result.leads) - 1, verification.HEADLINE)
     return text[0].upper() + text[1:]
 
 
@@ -112,7 +112,7 @@ def verification_facts(result: Verification) -> Facts:
             f"{_rms(apart) / NMI:.1f}, of the particles {_rms(result.spread[:, column]) / NMI:.1f}"
         )
         lines[f"after {hours:g} h, held"] = ", ".join(
-            f"{100 * share:.0f} % area {percent_with_error(result.held(lead, share))}"
+            f"{100 * share:.0f} % area {_percent_with_error(result.held(lead, share))}"
             for share in result.shares
         )
         energy, log = result.mean(result.energy[:, lead]), result.mean(result.log[:, lead])
@@ -158,7 +158,7 @@ def _aground(result: Verification, column: int) -> str:
         return ""
     drifters = result.mean(result.aground[:, column], share=True)
     particles = 100 * float(result.ashore[:, column].mean())
-    return f"{percent_with_error(drifters)} of the drifters; {particles:.0f} % of the particles"
+    return f"{_percent_with_error(drifters)} of the drifters; {particles:.0f} % of the particles"
 
 
 def left_out(result: Verification) -> str:

@@ -106,10 +106,10 @@ class PointTable(fields.Table):
             std=self.std, ellipse=self.ellipse, error=self.error, orientation=self.orientation
         ).axes()
         own = Near(lon, lat, *axes)
-        return own if not self.correlation else correlated(own, before, self.correlation)
+        return own if not self.correlation else _correlated(own, before, self.correlation)
 
 
-def correlated(own: Near, before: Place | None, correlation: float) -> Near:
+def _correlated(own: Near, before: Place | None, correlation: float) -> Near:
     """Return a normally distributed position, correlated with that of the way point before.
 
     S_a and S_b are the symmetric roots of the covariances (east, north) of this position and the

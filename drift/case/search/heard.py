@@ -25,7 +25,7 @@ def _std(value: object) -> float:
     return degrees
 
 
-def bearing_error(value: object) -> Any:
+def _bearing_error(value: object) -> Any:
     """Return a bearing's standard deviation [deg], or rows of (relative bearing, it) [deg]."""
     if not isinstance(value, list):
         return _std(value)
@@ -56,7 +56,7 @@ def _width(value: object) -> float:
     return degrees
 
 
-BearingError = Annotated[Any, BeforeValidator(bearing_error)]
+BearingError = Annotated[Any, BeforeValidator(_bearing_error)]
 Wedge = Annotated[float, BeforeValidator(_width)]
 Side = Literal["port", "starboard"]
 

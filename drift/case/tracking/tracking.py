@@ -414,7 +414,7 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
             f"{place.name}: is a case of drift run; a tracking case has [target] and [tracker]"
         )
     try:
-        return study(
+        return _study(
             TrackingTable.model_validate(data, context={"whole": TrackingTable}),
             place.stem,
             text,
@@ -437,7 +437,7 @@ def _error_of_case(place: Path, lines: Sequence[str]) -> UserError:
     )
 
 
-def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
+def _study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     """Build the study of a tracking case from its tables.
 
     Args:

@@ -273,7 +273,7 @@ def share(value: object) -> float:
 LIGHTEST, HEAVIEST = 1e-30, 1e30
 
 
-def weight(value: object) -> float:
+def _weight(value: object) -> float:
     """Return a weight: 0, or LIGHTEST to HEAVIEST; only the ratios of weights matter."""
     number = units.quantity(value, "", "weight", "0.5")
     if number < 0:
@@ -319,7 +319,7 @@ SpreadRate = Annotated[float, BeforeValidator(units.spread_rate)]  # [m/sqrt(s)]
 Timeout = Annotated[float, _quantity("s", "timeout", "60 s", low=1, high=3600)]
 Slope = Annotated[float, _quantity("", "share of the wind speed", "3 %", low=-0.5, high=0.5)]
 Windage = Annotated[float, _quantity("", "share of the wind speed", "3 %", high=0.5)]
-Weight = Annotated[float, BeforeValidator(weight)]
+Weight = Annotated[float, BeforeValidator(_weight)]
 Share = Annotated[float, BeforeValidator(share)]
 
 

@@ -71,13 +71,13 @@ def with_hazards(
             tilted.append(replace(scenario, hazard_under_way=opened))
             continue
         assert isinstance(prior, TracklinePrior)  # drift.case.scenario.scenario
-        points = lattice(prior)
+        points = _lattice(prior)
         if hazard.wind is None:
             values = _of_field(hazard, points, place)
         else:
             wind = _wind(list(sources), direction, number, points)
             values = _of_wind(hazard.wind, wind, points, place)
-        tilted.append(replace(scenario, prior=replace(prior, tilt=tilt_of(prior, values, place))))
+        tilted.append(replace(scenario, prior=replace(prior, tilt=_tilt_of(prior, values, place))))
     return tuple(tilted)
 
 
@@ -103,7 +103,7 @@ def _under_way(
             forcing.close()
 
 
-def lattice(prior: TracklinePrior) -> Lattice:
+def _lattice(prior: TracklinePrior) -> Lattice:
     """Return the places and times at which a hazard is taken along a voyage and across it."""
     share = prior.low + (prior.high - prior.low) * np.arange(CELLS + 1) / CELLS
     lon, lat = sphere.track(prior.lon, prior.lat, PIECE)
@@ -122,12 +122,12 @@ def lattice(prior: TracklinePrior) -> Lattice:
     return Lattice(time, x, y)
 
 
-def tilt_of(prior: TracklinePrior, hazard: Array, place: str) -> Tilt:
+def _tilt_of(prior: TracklinePrior, hazard: Array, place: str) -> Tilt:
     """Return the tables from which a trackline with a hazard is drawn.
 
     Args:
         prior: of the scenario.
-        hazard: on its `lattice`, at least 0, (CELLS + 1, ACROSS).
+        hazard: on its `_lattice`, at least 0, (CELLS + 1, ACROSS).
         place: start of error messages.
 
     Raises:

@@ -33,7 +33,7 @@ def effective(weight: Array) -> float:
     return float(weight.sum() ** 2 / (weight**2).sum())
 
 
-def of_families(
+def _of_families(
     code: Array, many: int, weight: Array, family: Array, blocks: Blocks
 ) -> tuple[Array, Array]:
     """Return the code and the summed weight of each pair of family and code, (k,) each.
@@ -57,7 +57,7 @@ def runs_of_families(
 
 
 def families(many: int, runs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Return the result of `of_families` from the runs of all parts."""
+    """Return the result of `_of_families` from the runs of all parts."""
     pair, mass = (np.concatenate(column) for column in zip(*runs, strict=True))
     pairs, which = np.unique(pair, return_inverse=True)
     return pairs % many, np.bincount(which, mass, len(pairs))

@@ -64,13 +64,13 @@ class Watched(NamedTuple):
 def columns_of(watched: Sequence[Watched]) -> dict[str, Array]:
     """Return the observations of lines as columns for `build_crossings`."""
     return {
-        column_of(k, name): getattr(seen, name)
+        _column_of(k, name): getattr(seen, name)
         for k, seen in enumerate(watched)
         for name in ("stayed", "when")
     }
 
 
-def column_of(number: int, name: str) -> str:
+def _column_of(number: int, name: str) -> str:
     """Return the name of a column of a line, given the number of the line."""
     return f"line {number} {name}"
 
@@ -93,7 +93,7 @@ def _crossing(
     spec: EnsembleSpec, line: Line, number: int, columns: Columns, unit: Unit
 ) -> Crossing:
     moments, times_drawn = [], []
-    names = (column_of(number, name) for name in ("stayed", "when"))
+    names = (_column_of(number, name) for name in ("stayed", "when"))
     for blocks, log_weight, *seen in columns.parts("log_weight", *names):
         stayed, when = (column.astype(np.float64) for column in seen)
         # 0.0 - ... avoids -0 for particles that never cross

@@ -88,7 +88,7 @@ def bounds_position(contact: Contact) -> bool:
     return sure and (contact.kind != "bearing" or math.isfinite(contact.far))
 
 
-def estimate_target(cloud: ParticleCloud, time: int) -> Estimate:
+def _estimate_target(cloud: ParticleCloud, time: int) -> Estimate:
     """Return the estimated position and speed of the target from its particles.
 
     time: of the particles [s after start].
@@ -154,8 +154,8 @@ class BulkRepopulation:
         if left.sum() < self._rule.bulk * len(left):
             placed = self._draw_replacements(contact, number, time, cloud, left, scenarios)
         if placed is None or placed.slots.size:
-            self._last = estimate_target(
-                cloud if placed is None else replace_particles(cloud, placed), time
+            self._last = _estimate_target(
+                cloud if placed is None else _replace_particles(cloud, placed), time
             )
         return placed
 
@@ -314,7 +314,7 @@ def _keeps_course(itinerary: Itinerary) -> bool:
     return len(itinerary.phases) == 1 and endless
 
 
-def replace_particles(cloud: ParticleCloud, placed: Replacement) -> ParticleCloud:
+def _replace_particles(cloud: ParticleCloud, placed: Replacement) -> ParticleCloud:
     """Return a cloud with the repopulated particles."""
     columns = {}
     for name in ("lon", "lat", "speed"):

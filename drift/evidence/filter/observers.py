@@ -110,8 +110,8 @@ class Observers:
         """Set up for a run of an ensemble, drawn from `spec`, through a scene."""
         self._spec, self._ensemble, self._scene = spec, ensemble, scene
         looking: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
-        self._waiting = [create_observer(what, spec) for what in looking]
-        self.lines = [create_observer(line, spec) for line in sensors.lines]
+        self._waiting = [_create_observer(what, spec) for what in looking]
+        self.lines = [_create_observer(line, spec) for line in sensors.lines]
         self.all = (*self._waiting, *self.lines)
         self._step: Step | None = None
         self._begin: Begin | None = None
@@ -285,7 +285,7 @@ class Observers:
         return total
 
 
-def create_observer(what: Presence | Barrier | Line, spec: EnsembleSpec) -> Observer:
+def _create_observer(what: Presence | Barrier | Line, spec: EnsembleSpec) -> Observer:
     """Return the observer of a sensor, set up for a run."""
     if isinstance(what, Line):
         return Observer(what, 0, FOR_EVER, sensor_shape.of_line(what.points), observe.WHEN)

@@ -47,7 +47,7 @@ def outline(area: Area) -> Array:
     return curve(ring[:, 0], ring[:, 1])
 
 
-def circle(
+def _circle(
     lon: float, lat: float, radius: float, begin: float = 0.0, end: float = 2 * math.pi
 ) -> Array:
     """Return a circle about a point, or an arc of it.
@@ -119,7 +119,7 @@ def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool
     ]
 
 
-def position_on_legs(legs: Legs, time: float) -> tuple[float, float]:
+def _position_on_legs(legs: Legs, time: float) -> tuple[float, float]:
     """Return the position on legs (lon, lat) [deg] at a time [s since 1970].
 
     Before or after the legs it is the nearer end.
@@ -131,9 +131,9 @@ def zones(sortie: Sortie, time: np.datetime64) -> list[Array]:
     """Return the edges of a watch's zones round its sensor at a time, each (n, 2)."""
     if sortie.watch is None or sortie.legs is None:
         return []
-    lon, lat = position_on_legs(sortie.legs, epoch(time))
+    lon, lat = _position_on_legs(sortie.legs, epoch(time))
     edges = sorted({*sortie.watch.inner, *sortie.watch.outer} - {0.0})
-    return [circle(lon, lat, radius) for radius in edges if math.isfinite(radius)]
+    return [_circle(lon, lat, radius) for radius in edges if math.isfinite(radius)]
 
 
 def contact(seen: Contact) -> list[Shape]:
@@ -155,11 +155,11 @@ def sensor(what: Look | Presence | Barrier | Line) -> Array:
         return curve(lon, lat)
     if isinstance(what, Look) and what.field is None:
         assert what.place is not None
-        return circle(*what.place, MARK)
+        return _circle(*what.place, MARK)
     field = what.field
     assert field is not None
     if field.radius > 0:
-        return circle(field.lon, field.lat, field.radius)
+        return _circle(field.lon, field.lat, field.radius)
     x, y = (
         np.array([-1, 1, 1, -1, -1]) * field.width / 2,
         np.array([-1, -1, 1, 1, -1]) * field.height / 2,
@@ -197,8 +197,8 @@ def _toward(contact: Contact, bearing: float) -> list[Shape]:
     off = NEAR_ALL * contact.wedge / 2 or ON_LINE * float(contacts.bearing_std(contact, bearing))
     low, high = bearing - off, bearing + off
     outer, inner = (
-        circle(lon, lat, far, low, high),
-        circle(lon, lat, max(contact.near, 1.0), high, low),
+        _circle(lon, lat, far, low, high),
+        _circle(lon, lat, max(contact.near, 1.0), high, low),
     )
     ends = _about(
         lon, lat, *(np.array([contact.near, far]) * f(bearing) for f in (math.sin, math.cos))
@@ -216,7 +216,7 @@ def _range(contact: Contact) -> list[Shape]:
         contact.range - ON_LINE * contact.range_std,
         contact.range + ON_LINE * contact.range_std,
     )
-    circles = (circle(lon, lat, radius) for radius in (near, contact.range, far) if radius > 0)
+    circles = (_circle(lon, lat, radius) for radius in (near, contact.range, far) if radius > 0)
     return [("point", np.array([[lon, lat]])), *(("line", points) for points in circles)]
 
 
@@ -284,7 +284,7 @@ def _over_ground(sortie: Sortie) -> Legs:
     legs = sortie.legs
     between = [t for t in sortie.marker.time if legs.time[0] < t < legs.time[-1]]
     times = np.array(sorted({*legs.time, *between}))
-    where = np.array([position_on_legs(legs, t) for t in times])
+    where = np.array([_position_on_legs(legs, t) for t in times])
     lon, lat = _moved(sortie, times, where[:, 0], where[:, 1])
     which = np.clip(
         np.searchsorted(legs.time, times[:-1], side="right") - 1, 0, len(legs.searching) - 1
@@ -296,7 +296,7 @@ def _moved(sortie: Sortie, times: Array, lon: Array, lat: Array) -> tuple[Array,
     """Return positions [deg] shifted with the marker from the datum by each time, (n,)."""
     assert sortie.marker is not None
     assert sortie.datum is not None
-    marker = np.radians([position_on_legs(sortie.marker, t) for t in times])
+    marker = np.radians([_position_on_legs(sortie.marker, t) for t in times])
     east, north = sphere.offset(
         math.radians(sortie.datum[0]),
         math.radians(sortie.datum[1]),

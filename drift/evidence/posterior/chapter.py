@@ -67,14 +67,14 @@ def posterior_bundle(matter: PosteriorOutputs) -> OutputBundle:
     ranked = ranking.ranking_of(matter.posteriors)
     if ranked is not None:
         files |= bind_outputs(RANKED, ranked)
-        if many(ranked):
+        if _many(ranked):
             pictures |= {name: partial(draw, ranked, matter.setting) for name, draw in MANY.items()}
     return OutputBundle(
         numbers, files, pictures, leaves=(partial(_leaves, matter.posteriors, ranked),)
     )
 
 
-def many(ranked: Ranking) -> bool:
+def _many(ranked: Ranking) -> bool:
     """Whether there are families, or more scenarios than are shown separately."""
     return bool(ranked.axes) or ranked.shown.size < len(ranked.prior)
 
@@ -96,7 +96,7 @@ def _leaves(posteriors: Posteriors, ranked: Ranking | None) -> list[Any]:
     note = "All scenarios together; posteriors.csv has those of each."
     quantities = [one.quantity.name for one in posteriors.told]
     shown: list[Any] = []
-    if ranked is not None and many(ranked):
+    if ranked is not None and _many(ranked):
         shown += _ranked(ranked)
         quantities.remove("scenario")
     if quantities:

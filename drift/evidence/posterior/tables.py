@@ -100,14 +100,14 @@ def _cells(
         {
             "value": "",
             "share": found.share[row],
-            "mean": written(posteriors, told, found.mean[row]),
+            "mean": _written(posteriors, told, found.mean[row]),
             "std": std,
-            **{name: written(posteriors, told, value) for name, value in quantiles},
+            **{name: _written(posteriors, told, value) for name, value in quantiles},
         }
     ]
 
 
-def written(posteriors: Posteriors, told: RangedQuantity, value: float) -> str:
+def _written(posteriors: Posteriors, told: RangedQuantity, value: float) -> str:
     """Return a value of a quantity as text for files; empty if it is NaN."""
     if not math.isfinite(value):
         return ""

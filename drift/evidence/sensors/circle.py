@@ -64,11 +64,11 @@ def close_circle(
             f"{degrees[order[k]]:g}), with values {worst[k]:.3g} {unit} apart; they must agree: mend the table"
         )
     turned, values = turned[first], np.compress(first, values, axis)
-    check_gaps(turned, name, widest)
+    _check_gaps(turned, name, widest)
     return np.radians(turned), values
 
 
-def check_gaps(bearing: Array, name: str, widest: float = WIDEST) -> None:
+def _check_gaps(bearing: Array, name: str, widest: float = WIDEST) -> None:
     """Reject bearings that do not close the circle; a single one holds all round.
 
     Args:

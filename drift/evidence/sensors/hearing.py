@@ -191,7 +191,7 @@ def _along(ranges: Array, known: Array, loss: Array) -> Array:
     return np.stack([np.interp(ranges, known, row) for row in loss])
 
 
-def excess(tables: Tables, east: Array, north: Array) -> Array:
+def _excess(tables: Tables, east: Array, north: Array) -> Array:
     """Return the signal excess [dB] of a source of 0 dB; -inf: beyond the table.
 
     Args:
@@ -275,7 +275,7 @@ def signal_excess_of_sources(
         source: source levels [dB], shape (n,).
     """
     way = sphere.offset(*place, lon, lat)
-    return np.asarray(excess(ear.tables(*place, heading, time), *way) + source)
+    return np.asarray(_excess(ear.tables(*place, heading, time), *way) + source)
 
 
 def instantaneous_pod(sonar: Sonar, over: Array) -> Array:

@@ -69,7 +69,7 @@ def losses(
         (np.geomspace(NEAREST, largest, count), [c for c in corners if NEAREST < c < largest])
     )
     metres = np.unique(metres)
-    table = loss_at(
+    table = _loss_at(
         metres, coefficient=coefficient, transition=transition, absorption=absorption, zones=zones
     )
     if table.min() < 0.0:
@@ -83,7 +83,7 @@ def losses(
     )
 
 
-def loss_at(
+def _loss_at(
     metres: Array,
     *,
     coefficient: float = 20.0,

@@ -164,7 +164,7 @@ def variable_of(
     odd = [key for key in asked.units if key not in data.variables]
     if odd:
         raise UserError(
-            f'{asked.name}: units "{odd[0]}": no such variable; it holds {listed(data)}: mend units'
+            f'{asked.name}: units "{odd[0]}": no such variable; it holds {_listed(data)}: mend units'
         )
     if name is None:
         return _meant(data, asked, meant, what, fits)
@@ -172,7 +172,7 @@ def variable_of(
         near = difflib.get_close_matches(name, [str(n) for n in data.variables], n=1, cutoff=0.0)
         hint = f' (the nearest name is "{near[0]}")' if near else ""
         raise UserError(
-            f'{asked.name}: no variable "{name}"{hint}; it holds {listed(data)}: set variable to one of them'
+            f'{asked.name}: no variable "{name}"{hint}; it holds {_listed(data)}: set variable to one of them'
         )
     if not np.issubdtype(data[name].dtype, np.number):
         raise UserError(
@@ -181,7 +181,7 @@ def variable_of(
     return name
 
 
-def listed(data: xr.Dataset) -> str:
+def _listed(data: xr.Dataset) -> str:
     """Return the names of a file's variables for messages."""
     return ", ".join(map(str, data.variables))[:300] or "no variables"
 
@@ -210,7 +210,7 @@ def _meant(
     best = [name for name, score in scores.items() if score == max(scores.values())]
     if not best:
         raise UserError(
-            f"{asked.name}: no {what}; it holds {listed(data)}: set variable, if one of them is it"
+            f"{asked.name}: no {what}; it holds {_listed(data)}: set variable, if one of them is it"
         )
     if len(best) > 1:
         raise UserError(

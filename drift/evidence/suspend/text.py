@@ -72,7 +72,7 @@ def missing_survival_warning(suspension: Suspension) -> list[str]:
     return [f"no survival times for {names}: persons adrift there are assumed alive forever."]
 
 
-def give_or_take(value: float, error: float) -> str:
+def _give_or_take(value: float, error: float) -> str:
     """Return a probability with its standard error, in percent."""
     return f"{notation.percent(value)} +- {100 * error:.{1 if error >= 9.5e-4 else 2}f}"
 
@@ -106,7 +106,7 @@ def _alive(suspension: Suspension) -> list[str]:
         hours = float((time - suspension.now) / np.timedelta64(1, "h"))
         ahead = "now" if hours == 0 else f"+{hours:.0f} h" if hours < 72 else f"+{hours / 24:.0f} d"
         lines.append(
-            f"   {notation.format_dtg(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}"
+            f"   {notation.format_dtg(time):18}{ahead:10}{_give_or_take(float(mean[-1]), float(error[-1]))}"
         )
     for level, time in reached(suspension):
         tense = "was" if time < suspension.now else "is"
@@ -140,7 +140,7 @@ def _searched(suspension: Suspension) -> list[str]:
             f"   {name:25}{notation.format_dtg(update.time)[:6] + 'Z':9}{size:>8}{poc:>8}{pod:>8}{pos:>8}{so_far:>9}"
         )
     total = float(suspension.cumulative[-1])
-    lines += ["", f"   Cumulative POS  {give_or_take(total, float(suspension.error(total)))}"]
+    lines += ["", f"   Cumulative POS  {_give_or_take(total, float(suspension.error(total)))}"]
     if len(suspension.scenarios) > 1:
         for s, name in enumerate(suspension.scenarios):
             by_now, prior, posterior = (
@@ -157,7 +157,7 @@ def _left(suspension: Suspension, lost: float) -> list[str]:
     if suspension.sorties:
         never = float(suspension.never[-1])
         lines += paragraph(
-            f"{give_or_take(never, float(suspension.error(never)))} of the remaining probability lies outside all searched "
+            f"{_give_or_take(never, float(suspension.error(never)))} of the remaining probability lies outside all searched "
             f"areas; the other {notation.percent(1 - never)} was searched and missed.",
             3,
         )
@@ -190,7 +190,7 @@ def _further(suspension: Suspension) -> list[str]:
         return lines
 
     def figure(value: float, error: float) -> str:
-        return give_or_take(value, error) if suspension.planned else notation.percent(value)
+        return _give_or_take(value, error) if suspension.planned else notation.percent(value)
 
     head = f"   {'Until':16}{'Found':>18}"
     if suspension.mortal:

@@ -43,11 +43,11 @@ def aside(frame: Frame, at: Any) -> str:
     if total <= TELLING:
         return ""
     lon, lat, _ = _main_cluster(mass, at)
-    inside = within(frame, np.array([[lon, lat]]))[0]
+    inside = _within(frame, np.array([[lon, lat]]))[0]
     return f"{notation.percent(total)} outside the frame{'' if inside else f', {_compass_point(frame, lon, lat)}'}"
 
 
-def within(frame: Frame, points: Array) -> Array:
+def _within(frame: Frame, points: Array) -> Array:
     """Return which of points (n, 2) [deg] are in a frame, bool (n,)."""
     return frame.holds(*frame.project(points[:, 0], points[:, 1]))
 
@@ -89,7 +89,7 @@ def _probability(frame: Frame, at: Any) -> str:
         return ""
     lon, lat, alone = _main_cluster(mass, at)
     words = f"{notation.percent(total)} of the probability lies outside this frame"
-    if within(frame, np.array([[lon, lat]]))[
+    if _within(frame, np.array([[lon, lat]]))[
         0
     ]:  # the mean is inside, so the probability surrounds the frame
         return f"{words}, on several sides"

@@ -538,7 +538,7 @@ def first_complete_output(forecast: Forecast) -> int:
     return effective.released(forecast.data)
 
 
-def spaced(times: Array, most: int) -> list[int]:
+def _spaced(times: Array, most: int) -> list[int]:
     """Return the indices of at most `most` times, well separated, always including the last one."""
     if len(times) <= most:
         return list(range(len(times)))
@@ -591,7 +591,7 @@ def track(
             )
         )
     must = range(len(texts))
-    written = spaced(times[picks], 12)
+    written = _spaced(times[picks], 12)
     texts += [
         (float(x[k]), float(y[k]), notation.day_time(times[picks[k]]), small) for k in written
     ]

@@ -49,7 +49,7 @@ def _output(forecast: Forecast, i: int) -> dict[str, Any]:
         "area_km2": dict(zip(held, areas / 1e6, strict=True)),
         "held_out": dict(zip(held, at["held_out"].values, strict=True)),
         "probability": dict(zip(status, at["status_probability"].values, strict=True)),
-        **counts(data, i),
+        **_counts(data, i),
         "effective_by_status": dict(zip(status, at["status_effective"].values, strict=True)),
         "scenarios": _scenarios(at, dataset.displayed_scenarios(data)),
     }
@@ -75,7 +75,7 @@ def _scenarios(at: Any, shown: Shown) -> dict[str, Any]:
     return scenarios
 
 
-def counts(data: Any, i: int) -> dict[str, float]:
+def _counts(data: Any, i: int) -> dict[str, float]:
     """Return the effective numbers of a map, of particles and of worlds if there are any, by column
     name.
     """
@@ -107,7 +107,7 @@ def track(forecast: Forecast, run: str) -> str:
             row[f"{name}_position"] = notation.position(lon, lat)
         row |= zip(held, at["containment_area"].values / NMI**2, strict=True)
         row |= zip(status, _decimals(*at["status_probability"].values), strict=True)
-        rows.append(row | counts(data, i))
+        rows.append(row | _counts(data, i))
     return formats.csv_rows(rows, run=run, digits=".6g")
 
 
@@ -159,7 +159,7 @@ def contours(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any
             "level": contour.share,
             "area_nmi2": contour.area / NMI**2,
             "area_km2": contour.area / 1e6,
-            **counts(forecast.data, int(np.flatnonzero(times == contour.time)[0])),
+            **_counts(forecast.data, int(np.flatnonzero(times == contour.time)[0])),
         }
         features.append(geojson.feature(geometry, properties))
     return geojson.collection(features, attributes)

@@ -102,7 +102,7 @@ def number_of_shards(
                 f'[resampling] method = "{case.resampling.method}" needs all particles at once: run it in one piece, without '
                 "--shards or --workers or --cluster"
             )
-        whole = (BASE + case.particles * bytes_per_particle(case)) / GIB
+        whole = (BASE + case.particles * _bytes_per_particle(case)) / GIB
         if whole > machine_memory.free() / GIB:
             raise UserError(
                 f'particles: {case.particles:,} in one piece, as [resampling] method = "{case.resampling.method}" asks for, take '
@@ -131,7 +131,7 @@ def number_of_shards(
                 f"--shards {shards}: {case.path.name} has {most:,} blocks {what}; give 1 to {most:,}"
             )
         each = (
-            (BASE + math.ceil(case.particles / shards) * bytes_per_particle(case)) * at_once / GIB
+            (BASE + math.ceil(case.particles / shards) * _bytes_per_particle(case)) * at_once / GIB
         )
         if memory is not None and each > memory:
             raise UserError(
@@ -150,7 +150,7 @@ def number_of_shards(
         room = min(memory * GIB / at_once, workers.limit if workers else math.inf)
     else:
         room = min(workers.free, workers.limit) / 2 if workers else machine_memory.free() / 2
-    size = max(int((room - BASE) / bytes_per_particle(case)), LEAST)
+    size = max(int((room - BASE) / _bytes_per_particle(case)), LEAST)
     if card is not None:
         size = min(
             size, max(int((card / 2 - devices.LEAST) / run_setup.bytes_on_card(case)), LEAST)
@@ -167,7 +167,7 @@ def _round_up(size: float) -> str:
     return f"{math.ceil(10 * size) / 10:g}"
 
 
-def bytes_per_particle(case: Case) -> int:
+def _bytes_per_particle(case: Case) -> int:
     """Return the bytes reserved for a particle of the shard being moved."""
     return HELD + run_setup.extra_bytes_per_particle(case)
 

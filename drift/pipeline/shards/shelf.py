@@ -68,7 +68,7 @@ def open_shelf(
             work = Work(folder, run_of(fingerprint))
             replace(folder / ABOUT, json.dumps(dict(fingerprint)))
         else:
-            folder = shelf_beside(out)
+            folder = _shelf_beside(out)
             work = Work(folder, run_of(fingerprint))
             try:
                 if _path_of_shelf(out).is_symlink() and not folder.parent.is_dir():
@@ -103,7 +103,7 @@ def check_room(out: Path | None, need: int) -> None:
     Raises:
         UserError: the disk has not enough free space.
     """
-    folder = Path(tempfile.gettempdir()) if out is None else shelf_beside(out).absolute()
+    folder = Path(tempfile.gettempdir()) if out is None else _shelf_beside(out).absolute()
     there = next(place for place in (folder, *folder.parents) if place.is_dir())
     have = sum(path.stat().st_size for path in folder.glob("*-*.bin")) if out is not None else 0
     _check_space(folder, need, have, shutil.disk_usage(there).free)
@@ -134,7 +134,7 @@ def _create_forcing_folder(folder: Path, need: int, room: int) -> None:
 
 def unfinished(out: Path) -> bool:
     """Return whether there are stored shards of an unfinished run to this output folder."""
-    return os.path.isdir(shelf_beside(out))
+    return os.path.isdir(_shelf_beside(out))
 
 
 def stored_shard_count(out: Path, fingerprint: Mapping[str, str]) -> int | None:
@@ -144,7 +144,7 @@ def stored_shard_count(out: Path, fingerprint: Mapping[str, str]) -> int | None:
         out: the output folder.
         fingerprint: the run's fingerprint; its number of shards is ignored.
     """
-    before = mark_of(shelf_beside(out))
+    before = mark_of(_shelf_beside(out))
     if before is None or any(
         before.get(name) != value for name, value in fingerprint.items() if name != NUMBER
     ):
@@ -164,7 +164,7 @@ def resumed_backend(backend: str, out: str | os.PathLike[str] | None, client: An
     """
     if backend != runtime.AUTO or out is None or client is not None:
         return backend
-    before = str((mark_of(shelf_beside(Path(out))) or {}).get(BACKEND, "")).partition(":")[0]
+    before = str((mark_of(_shelf_beside(Path(out))) or {}).get(BACKEND, "")).partition(":")[0]
     return before if before in runtime.BACKENDS else backend
 
 
@@ -175,7 +175,7 @@ def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
         out: the output folder.
         fingerprint: delete only the shards of the run with this fingerprint; None: of any run.
     """
-    folder = shelf_beside(out)
+    folder = _shelf_beside(out)
     if unfinished(out) and (
         fingerprint is None or stored_shard_count(out, fingerprint) is not None
     ):
@@ -184,7 +184,7 @@ def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-def shelf_beside(out: Path) -> Path:
+def _shelf_beside(out: Path) -> Path:
     """Return the folder of the shards; if it is a link, a subfolder of its target for this run."""
     place = _path_of_shelf(out)
     if not place.is_symlink():

@@ -104,7 +104,7 @@ class ShardedAccount:
         crossed = None
         if case.sensors.lines:
             names = [name for name in reels[0].notes if name.startswith("line ")]
-            seen = columns(reels, layout.blocks, names) | at_end(reels, layout.blocks)
+            seen = columns(reels, layout.blocks, names) | _at_end(reels, layout.blocks)
             crossed = crossings.build_crossings(spec, case.sensors.lines, seen)
         as_flown = [partial(sortie.as_flown, start=spec.period.epoch) for sortie in flown]
         return self.account.told(as_flown, crossed)
@@ -130,7 +130,7 @@ def columns(
     )
 
 
-def at_end(reels: Sequence[ShardFile], blocks: Blocks) -> Columns:
+def _at_end(reels: Sequence[ShardFile], blocks: Blocks) -> Columns:
     """Return the `log_weight` of all particles at the end of the run."""
     read = partial(ShardFile.read, name="log_weight", at=None)
     return Columns(blocks, {"log_weight": partial(_read_slots, reels, _shard_bounds(reels), read)})

@@ -69,7 +69,7 @@ class Unit:
     @property
     def state(self) -> str:
         """Name of the file of its state at the end, without suffix."""
-        return state_of(self.number, self.stretch)
+        return _state_of(self.number, self.stretch)
 
     def move(
         self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work
@@ -130,7 +130,7 @@ class Unit:
                 case, begin, meeting=stretch_record, resumed=time is not None
             )
             if search is not None and self.since is not None:
-                restore(search, kept, self.since, self.first)
+                _restore(search, kept, self.since, self.first)
             outputs = case.period.seconds(case.outputs)
             moments = simulate.run(
                 ensemble, own, self.clock, outputs, tell, search=search, since=time
@@ -143,12 +143,12 @@ class Unit:
             stretch_record.search = None
 
 
-def state_of(number: int, stretch: int) -> str:
+def _state_of(number: int, stretch: int) -> str:
     """Return the name of the file of a shard's state at the end of a stretch."""
     return f"state-{number:05}-{stretch:03}"
 
 
-def restore(search: SearchFilter, kept: Work, since: ResumePoint, first: int) -> None:
+def _restore(search: SearchFilter, kept: Work, since: ResumePoint, first: int) -> None:
     """Load the stored state of a shard into its new search filter.
 
     Args:

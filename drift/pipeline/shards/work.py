@@ -117,7 +117,7 @@ class Work:
             data.unlink()
             return
         with self._disk_errors_as_user_errors(data):
-            if run_in(self.folder) != self.run:  # another run has taken over the folder
+            if _run_in(self.folder) != self.run:  # another run has taken over the folder
                 raise Gone(name)
             index = {**_index(reel), "of": of, "bytes": _digest(data)}
             replace(self._index(name), json.dumps({**index, "seal": self._seal(name, index)}))
@@ -239,7 +239,7 @@ def mark_of(folder: Path) -> dict[str, Any] | None:
     return contents if isinstance(contents, dict) else None
 
 
-def run_in(folder: Path) -> str:
+def _run_in(folder: Path) -> str:
     """Return the digest of the fingerprint of the run whose shards a folder holds."""
     return run_of(mark_of(folder) or {})
 

@@ -85,7 +85,7 @@ def field(listeners: Sequence[Listener], tracks: Tracks, edges: Array, seed: int
     for one in listeners:
         sonar = _sonar(one)
         tables.append(heard.tables(sonar, resampled.time, np.zeros(1)))
-        courses.append(course(one, resampled.time))
+        courses.append(_course(one, resampled.time))
         gains.append(_gains(sonar))
     return Field(
         tuple(listeners),
@@ -156,7 +156,7 @@ def _unknowns(listeners: Sequence[Listener], m: int, seed: int) -> dict[str, Rea
     return unknowns
 
 
-def course(listener: Listener, time: Array) -> Course:
+def _course(listener: Listener, time: Array) -> Course:
     """Return an array's position and heading, and the bins in which it listens.
 
     Args:

@@ -44,7 +44,7 @@ def allocate(hearing: Hearing, *, today: Chosen | None = None) -> Allocation:
     """
     if today is not None:
         _check_today(hearing, today)
-    others = {FIXED: fixed(hearing)} if hearing.slots > 1 else {}
+    others = {FIXED: _fixed(hearing)} if hearing.slots > 1 else {}
     if hearing.slots > 1:
         others |= {
             ALONE: choosing.in_order(hearing, knowing=False),
@@ -68,7 +68,7 @@ def allocate(hearing: Hearing, *, today: Chosen | None = None) -> Allocation:
         max(bound, value),
         bound <= value + SAME * total,
         gains(hearing, chosen),
-        by_slot(hearing, chosen),
+        _by_slot(hearing, chosen),
         total,
         tuple(
             Alternative(name, beams, choosing.value(hearing, beams))
@@ -119,7 +119,7 @@ def best(hearing: Hearing, starts: list[Chosen]) -> Chosen:
     )
 
 
-def fixed(hearing: Hearing) -> Chosen:
+def _fixed(hearing: Hearing) -> Chosen:
     """Return a good choice with the same beams in every slot.
 
     Only processors that work in every slot are used.
@@ -162,7 +162,7 @@ def gains(hearing: Hearing, chosen: Chosen) -> Real:
     return added
 
 
-def by_slot(hearing: Hearing, chosen: Chosen) -> Real:
+def _by_slot(hearing: Hearing, chosen: Chosen) -> Real:
     """Return the weight that is heard by the end of each slot, shape (slots,)."""
     missed, total = choosing.Missed(hearing, ()), float(hearing.weight.sum())
     heard = np.empty(hearing.slots)

@@ -143,7 +143,7 @@ def ashore(sea: Sea, lands: Callable[[Box], Any]) -> Sea:
     return replace(sea, land=land)
 
 
-def on_course(tow: Tow, course: Array) -> NDArray[np.bool_]:
+def _on_course(tow: Tow, course: Array) -> NDArray[np.bool_]:
     """Return which courses [rad] the ship may steer."""
     if tow.courses is None:
         return np.ones(np.shape(course), bool)
@@ -205,10 +205,10 @@ def possible(sea: Sea, ways: Ways, time: Array) -> NDArray[np.bool_]:
     begin, end = span(sea, ways)
     good = (
         sea.begins.holds(ways.lon, ways.lat)
-        & on_course(tow, ways.course)
+        & _on_course(tow, ways.course)
         & (end - begin >= LEAST_TIME)
     )
-    good &= (ways.turn >= 1) | on_course(tow, ways.second)
+    good &= (ways.turn >= 1) | _on_course(tow, ways.second)
     if sea.allowed is None and sea.land is None:
         return good
     which = np.flatnonzero(good)

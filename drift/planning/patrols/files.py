@@ -37,7 +37,7 @@ LONGEST = 4  # most stretches named in a warning
 
 def patrol_text(plan: PatrolPlan, after: SpillResult, title: str, run: str, synthetic: bool) -> str:
     """Return the schedule as text."""
-    value = paragraph(f"Objective: the most objects found on average. {worth(plan)}.", 3)
+    value = paragraph(f"Objective: the most objects found on average. {_worth(plan)}.", 3)
     if plan.daily:
         value += paragraph(
             "Planned day by day: the bound is the sum of the best of each day alone, and is loose.",
@@ -73,7 +73,7 @@ def patrol_text(plan: PatrolPlan, after: SpillResult, title: str, run: str, synt
     )
 
 
-def worth(plan: PatrolPlan) -> str:
+def _worth(plan: PatrolPlan) -> str:
     """Return one line with the expected number found and its upper bound."""
     expected = f"{plan.found:.3g} +- {plan.error:.2g} objects found on average (sampling)"
     return f"{expected}; no plan of these teams finds more than {_up(plan.bound)} on average"
@@ -250,7 +250,7 @@ def summary_of_patrols(plan: PatrolPlan) -> dict[str, Any]:
 
 def patrol_facts(plan: PatrolPlan, after: SpillResult) -> dict[str, str]:
     """Return the plan as labelled lines for a terminal."""
-    lines = {"plan": worth(plan)}
+    lines = {"plan": _worth(plan)}
     for slot, visits in patrol_planner.by_patrol(plan):
         names = "; ".join(
             washup_tables.stretch_with_town(after.segments, visit.segment) for visit in visits

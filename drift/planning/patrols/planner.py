@@ -98,7 +98,7 @@ def plan(after: SpillResult, walkable: Walkable) -> PatrolPlan:
         walkable: the reachable stretches of all teams.
     """
     slots = patrols(after.period, after.segments, walkable)
-    known, worth = after.posterior.known, value(after)
+    known, worth = after.posterior.known, _value(after)
     reach = sorted({s for slot in slots for s in slot.reachable})
     teams, length = after.spill.teams, known.length
     long = [
@@ -129,7 +129,7 @@ def plan(after: SpillResult, walkable: Walkable) -> PatrolPlan:
     return replace(planned, left_out=left_out, notes=notes)
 
 
-def value(after: SpillResult) -> Real:
+def _value(after: SpillResult) -> Real:
     """Return the number of unfound objects that a particle of each world and class stands for.
 
     The shape is (W, classes). The remaining objects of a world and class are shared among its

@@ -98,7 +98,7 @@ def order(tracks: Tracks) -> Array:
     x, y = plane(tracks).flat(
         *(v[tracks.bins // 2] * sphere.UNIT for v in (tracks.lon, tracks.lat))
     )
-    return np.lexsort((_morton(x, y, *square(x, y)), tracks.scenario))
+    return np.lexsort((_morton(x, y, *_square(x, y)), tracks.scenario))
 
 
 def sort(tracks: Tracks) -> Tracks:
@@ -158,7 +158,7 @@ def velocity(tracks: Tracks, plane: Plane, x: Array, y: Array) -> tuple[Array, A
     return east, north
 
 
-def square(x: Array, y: Array) -> tuple[float, float, float]:
+def _square(x: Array, y: Array) -> tuple[float, float, float]:
     """Return (west, south, side) [m] of a square half as large again as the points' extent."""
     side = 1.5 * max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
     return float(x.max() + x.min() - side) / 2, float(y.max() + y.min() - side) / 2, side

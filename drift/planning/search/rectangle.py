@@ -131,7 +131,7 @@ def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
     start, duration = legs, legs
     for turn in range(3 if corner else 1):
         if turn and manner.pattern == "parallel":
-            x, y = commence(rows, length, spacing, legs)
+            x, y = _commence(rows, length, spacing, legs)
         start, duration = crew.available.slot(
             crew.available.arrival(*crew.plane.round(x, y)) + rows[:, WAIT]
         )
@@ -300,7 +300,7 @@ def share(crew: Crew, rows: Array, flown: Sweeps) -> Array:
     return crew.course.share(*crew.plane.round(x, y))
 
 
-def commence(rows: Array, length: Array, spacing: Array, legs: Array) -> tuple[Array, Array]:
+def _commence(rows: Array, length: Array, spacing: Array, legs: Array) -> tuple[Array, Array]:
     """Return (x, y) [m] of the commence search points, each of shape (c,).
 
     Args:
@@ -372,7 +372,7 @@ def path(crew: Crew, row: Array, flown: Sweeps, k: int) -> Array:
     return np.column_stack([start + way / speed, x, y, np.ones(2 * legs)])
 
 
-def hull(rows: Array, flown: Sweeps) -> tuple[Array, Array]:
+def _hull(rows: Array, flown: Sweeps) -> tuple[Array, Array]:
     """Return rectangles that enclose the whole search, with the drift of its frame.
 
     Returns:
@@ -397,7 +397,7 @@ def apart(rows: Array, flown: Sweeps, row: Array, other: Sweeps) -> Array:
     displacement that separates them.
     """
     sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
-    (centre, half), (place, beside) = hull(rows, flown), hull(row[None, :], other)
+    (centre, half), (place, beside) = _hull(rows, flown), _hull(row[None, :], other)
     own, size = np.array([math.sin(row[TURN]), math.cos(row[TURN])]), beside[:, 0]
     dx, dy = place - centre
     # Express the corners of each in the other's axes: along, across.

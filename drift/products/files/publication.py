@@ -76,7 +76,7 @@ def check(folder: Path, overwrite: bool = False, names: Iterable[str] = ()) -> N
         )
     if not exists:
         return
-    restore_interrupted(folder)
+    _restore_interrupted(folder)
     if not overwrite and _is_filled(folder):
         raise UserError(f"output folder {folder}: is not empty; {ADVICE}")
     _check_obstacles(folder, names)
@@ -109,7 +109,7 @@ def staged(target: Path) -> Iterator[Stage]:
     created = [path for path in (ground, *ground.parents) if not path.exists()]
     ground.mkdir(parents=True, exist_ok=True)
     if inside:
-        restore_interrupted(target)
+        _restore_interrupted(target)
     for place in {ground, target.absolute().parent}:
         _remove_abandoned(place)
     folder, lock = hidden.make_hidden_folder(ground)
@@ -254,7 +254,7 @@ def _check_obstacles(folder: Path, names: Iterable[str]) -> None:
         )
 
 
-def restore_interrupted(folder: Path) -> None:
+def _restore_interrupted(folder: Path) -> None:
     """Restore an old result that is half replaced; raise UserError on failure."""
     if any((place / JOURNAL).exists() for place in hidden.hidden_folders_in(folder)):
         with _locked_folder(folder), signals_deferred():
@@ -359,7 +359,7 @@ def results(folder: str | os.PathLike[str]) -> list[Path]:
     if not folder.is_dir():
         raise UserError(f"results {folder}: the folder does not exist")
     try:
-        restore_interrupted(folder)
+        _restore_interrupted(folder)
         with _locked_folder(folder, shared=True):
             listed = manifest.read_manifest(folder)
             fault = (

@@ -464,7 +464,7 @@ def origin_warnings(origin: Origin) -> list[str]:
         count(origin), "after the finds", f"{ROUGH}; one find may contradict the rest: check each"
     )
     lines = [few_worlds] if count(origin).few else []
-    return lines + ([nothing_new(origin)] if information_gain(origin) < LITTLE else [])
+    return lines + ([_nothing_new(origin)] if information_gain(origin) < LITTLE else [])
 
 
 def information_gain(origin: Origin) -> float:
@@ -478,7 +478,7 @@ def information_gain(origin: Origin) -> float:
     return max(float((share * np.log2(share / prior)).sum()), 0.0)
 
 
-def nothing_new(origin: Origin) -> str:
+def _nothing_new(origin: Origin) -> str:
     """Return the warning that the finds hardly change the prior."""
     return (
         f"the finds add almost no information about the release ({information_gain(origin):.2f} bit): "

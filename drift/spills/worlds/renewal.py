@@ -280,7 +280,7 @@ def summary_of_spill(after: SpillResult) -> dict[str, Any]:
             "effective_worlds": after.posterior.effective,
             "effective_worlds_by_round": list(after.rounds),
             "warning": joined_warnings(after),
-            "notes": accuracy_notes(spill),
+            "notes": _accuracy_notes(spill),
             "stretches": len(after.segments.name),
             "totals": {
                 str(fate): {
@@ -388,7 +388,7 @@ def _probability_of_number(after: SpillResult) -> tuple[float, float]:
     return few, many
 
 
-def accuracy_notes(spill: Spill) -> list[str]:
+def _accuracy_notes(spill: Spill) -> list[str]:
     """Return notes on the accuracy of the figures."""
     if spill.objects[1] <= spill.per_world:
         return []

@@ -361,7 +361,7 @@ def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Hel
             raise UserError(
                 "--hold-out: in one half no track has three consecutive fixes; remove --hold-out"
             )
-        squares.append(within(others, best.spread_rate, best.error))
+        squares.append(_within(others, best.spread_rate, best.error))
         tracks.append(2 * others.name + side)
         days.append(others.time // DAY)
     pooled = [np.concatenate(parts) for parts in (squares, tracks, days)]
@@ -375,7 +375,7 @@ def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Hel
     return Held((halves[0], halves[1]), tuple(coverage))
 
 
-def within(of: Triples, spread_rate: float, error: float) -> Array:
+def _within(of: Triples, spread_rate: float, error: float) -> Array:
     """Return the share that the ellipse through each inner fix contains, shape (m,).
 
     It is uniform on 0 to 1 if the model is correct.

@@ -33,7 +33,7 @@ class Figure:
 
         NaN if a run did not end.
         """
-        return over(np.nanmean, self._ended)
+        return _over(np.nanmean, self._ended)
 
     def error(self) -> Array:
         """Return the standard error of the mean, shape (ways of following,).
@@ -56,7 +56,7 @@ class Figure:
         """
         ranked = np.where(np.isinf(self.values), ENDLESS, self.values)
         found = np.stack(
-            [over(partial(np.nanquantile, q=share), ranked) for share in QUANTILES], axis=1
+            [_over(partial(np.nanquantile, q=share), ranked) for share in QUANTILES], axis=1
         )
         return np.where(found < ENDLESS * 1e-9, found, np.where(np.isnan(found), np.nan, np.inf))
 
@@ -116,10 +116,10 @@ def of_times(name: str, unit: str, values: Array) -> Figure:
         unit: of the figure.
         values: shape (ways of following, runs, times).
     """
-    return Figure(name, unit, over(np.nanmean, values), over(np.nanmean, values - values[:1]))
+    return Figure(name, unit, _over(np.nanmean, values), _over(np.nanmean, values - values[:1]))
 
 
-def over(reduce: Callable[[Array], Array], values: Array) -> Array:
+def _over(reduce: Callable[[Array], Array], values: Array) -> Array:
     """Return a reduction over the last axis, ignoring NaN; NaN if all values are NaN."""
     flat = values.reshape(-1, values.shape[-1])
     rows = [reduce(row) if np.isfinite(row).any() else np.nan for row in flat]

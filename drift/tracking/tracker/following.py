@@ -169,7 +169,7 @@ class Clouds:
         outcomes = {name: swept[name] for name in ("outcome", "row")}
         measurements = {name: column for name, column in swept.items() if name not in outcomes}
         self._fixed = (
-            {"rule_real": tables.upload(rules(trackers))},
+            {"rule_real": tables.upload(_rules(trackers))},
             {
                 "sweep_real": tables.upload(
                     _table(clouds.Sweep, clouds.Sweep.REAL, measurements, np.float64)
@@ -273,7 +273,7 @@ def _table(kind: Any, width: int, values: Mapping[str, Array], dtype: type) -> A
     return table
 
 
-def rules(trackers: Sequence[Tracker]) -> Array:
+def _rules(trackers: Sequence[Tracker]) -> Array:
     """Return the table of ways of following for kernels.tracking.follower.Rule."""
     table = []
     for tracker in trackers:

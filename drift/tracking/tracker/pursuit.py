@@ -158,7 +158,7 @@ class Chart:
     goal: astar.Cell | None
 
 
-def charted(asked: Pursuit, barrier: Barrier | None) -> Chart:
+def _charted(asked: Pursuit, barrier: Barrier | None) -> Chart:
     """Return the cells of a pursuit; those that touch the barrier are closed.
 
     Harbours are near land. From the cells of begin and destination, moves are allowed that do not
@@ -222,7 +222,7 @@ def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -
             path to the destination.
     """
     check(asked)
-    chart = charted(asked, barrier)
+    chart = _charted(asked, barrier)
     here, goal = chart.here, chart.goal
     places, weight = forecast(path.standing(*asked.start, asked.begin, asked.times[-1]))
     if not weight.sum() > 0:

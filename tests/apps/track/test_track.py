@@ -214,13 +214,14 @@ def test_a_case_of_another_command_is_named() -> None:
         drift.track("overdue_boat")
 
 
-def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_again_are_told(
-    contact: tuple[Regained, Path],
-) -> None:
+@pytest.mark.usefixtures("alone")
+def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_again_are_told() -> (
+    None
+):
     """The area of 50 % of another time in its place holds no mean; losses by a radar whose silence
     is told of while the end has a track.
     """
-    held = contact[0].held
+    held = holding.hold(tracking.load("lost_contact", SMALL))
     k = held.row(held.shown[2].time)
     when = notation.format_dtg(text.moment(Regained(held), held.time[k]))
     assert held.within[k] == 0.5

@@ -13,6 +13,7 @@ import xarray as xr
 import drift
 from drift.apps.cli import commands as cli
 
+PAINTS = False
 pytestmark = pytest.mark.usefixtures("coarse_maps")
 STD, HOURS = 3000.0, 6.0
 # east of the first, [m] after six hours: the second overlaps it, the third is far away

@@ -13,6 +13,7 @@ import drift
 from drift.apps.cli import commands as cli
 from drift.assess.score import calibration
 
+PAINTS = False
 pytestmark = pytest.mark.usefixtures("coarse_maps")
 HEAD = "run,time,lon,lat\n"
 

@@ -9,6 +9,7 @@ from changing import FAR, HOUR, HULL, KEEL, PLAIN, TOWARD, W, case, column, end_
 from filtered import run
 from scipy import integrate, stats
 
+from drift.engine.particles.ensemble import Ensemble
 from drift.engine.particles.status import Status
 from geo import sphere
 
@@ -116,8 +117,9 @@ def test_changes_that_compete_and_follow_one_another(tmp_path: Path) -> None:
     np.testing.assert_array_equal(since[state == 3], column(ensemble, "changed_3")[state == 3])
 
 
-def test_times_that_the_case_gives(tmp_path: Path) -> None:
-    """At a time, in a window, and after the begin of a state: a triangle by its distribution."""
+@pytest.fixture(scope="module")
+def capsized_and_left(tmp_path_factory: pytest.TempPathFactory) -> Ensemble:
+    """The end of a run in which a raft capsizes, persons are in the water later, and sink."""
     changes = [
         {"name": "capsized", "at": ["+1 h", "+3 h"], "leeway": 0.5},
         {
@@ -128,7 +130,13 @@ def test_times_that_the_case_gives(tmp_path: Path) -> None:
         },
         {"name": "sunk", "from": "in the water", "at": "+330 min", "sinks": True},
     ]
-    ensemble = end_of(tmp_path, changes, clock={"step": "30 min"})
+    folder = tmp_path_factory.mktemp("left")
+    return end_of(folder, changes, clock={"step": "30 min"}, particles=8000)
+
+
+def test_times_that_the_case_gives(capsized_and_left: Ensemble) -> None:
+    """At a time, in a window, and after the begin of a state: a triangle by its distribution."""
+    ensemble = capsized_and_left
     first, second, third = (column(ensemble, f"changed_{k}") for k in (1, 2, 3))
     assert stats.kstest(first / HOUR, stats.uniform(1, 2).cdf).pvalue > 1e-3
     low, best, high = 1 / 3, 5 / 6, 2.0
@@ -140,12 +148,11 @@ def test_times_that_the_case_gives(tmp_path: Path) -> None:
     assert (column(ensemble, "status") == Status.SUNK).all()
 
 
-def test_the_lines_of_the_new_class_are_its_published_ones(tmp_path: Path) -> None:
+def test_the_lines_of_the_new_class_are_its_published_ones(capsized_and_left: Ensemble) -> None:
     """Means and spreads of the slopes that are drawn at the change: of PIW-1, from its row."""
     from drift.engine.motion.objects import leeway
 
-    change = {"name": "in the water", "at": "+10 min", "object": "PIW-1"}
-    ensemble = end_of(tmp_path, [change], duration="1 h", particles=8000)
+    ensemble = capsized_and_left
     for name in ("down", "right", "left"):
         line = getattr(leeway.find_class("PIW-1"), name)
         slope, offset = (column(ensemble, f"{name}_{what}") for what in ("slope", "offset"))
@@ -176,9 +183,10 @@ def test_the_wind_that_counts_has_its_error(tmp_path: Path) -> None:
     In an hour the error hardly changes (its decorrelation takes 4 d). Mean probability by
     quadrature over two components.
     """
-    change = {"name": "capsized", "rate": "0.9/h", "wind": "26 m/s", "width": "1 m/s"}
+    change = {"name": "sunk", "rate": "0.9/h", "wind": "26 m/s", "width": "1 m/s", "sinks": True}
     uncertainty = {"current": {"std": 0}, "wind": {"std": "5 m/s", "time": "96 h"}}
-    ensemble = end_of(tmp_path, [change], duration="1 h", uncertainty=uncertainty, particles=20_000)
+    tables = {"uncertainty": uncertainty, "scenario": {"object": "LIFE-RAFT-DB-10"}}
+    ensemble = end_of(tmp_path, [change], duration="1 h", particles=20_000, **tables)
     node, weight = np.polynomial.hermite_e.hermegauss(60)
     speed = np.hypot(W + 5 * node[:, None], 5 * node[None, :])
     chance = 1 - np.exp(-0.9 / (1 + np.exp(26 - speed)))

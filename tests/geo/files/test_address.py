@@ -336,7 +336,7 @@ def test_the_time_out_is_the_case_s(tmp_path: Path) -> None:
             drift.load(case_file(tmp_path, "http://127.0.0.1:9/sea", f"timeout = {wrong}"))
 
 
-@pytest.mark.parametrize("length", [0.5, 0.999, 1.2])
+@pytest.mark.parametrize("length", [pytest.param(0.5, marks=pytest.mark.thorough), 0.999, 1.2])
 def test_values_of_another_length_are_never_used(length: float) -> None:
     """A whole answer in HTTP, whose values are not whole: the netCDF library gives what is in
     memory.
@@ -373,7 +373,8 @@ def test_values_that_are_whole_at_the_second_asking_are_read() -> None:
         np.testing.assert_array_equal(data["v"][2].values, SEA["v"].values[2])
 
 
-@pytest.mark.parametrize("seed", [4, 1936])  # the last one aborts the library, netCDF 4.10.1
+# the last one aborts the library, netCDF 4.10.1
+@pytest.mark.parametrize("seed", [pytest.param(4, marks=pytest.mark.thorough), 1936])
 def test_damaged_answers_are_one_line(seed: int) -> None:
     """A slice of benchmarks/fuzz_server.py."""
     _, answer = hostile.mutated(SEA, seed)

@@ -14,9 +14,10 @@ import shapely
 from spills import DAY, METRE, case_of, sampled, scattered, spill
 
 import drift
-from drift.planning.patrols import files, patrol
+from drift.planning.patrols import chapter, files, patrol
 from drift.planning.patrols import planner as patrol_planner
 from drift.planning.patrols.planner import Slot
+from drift.planning.plans import PlanOutputs
 from drift.products.files import drawing
 from drift.spills.worlds import exposure, renewal
 from drift.spills.worlds.exposure import Reporting, Walk
@@ -24,6 +25,7 @@ from drift.spills.worlds.fates import FOREVER
 from drift.spills.worlds.records import Team
 from geo.errors import UserError
 
+PAINTS = False  # but for one test
 pytestmark = pytest.mark.usefixtures("coarse_maps")  # no number is read off a map
 
 START = np.datetime64("2026-11-21T00:00:00")
@@ -231,6 +233,7 @@ def test_a_straight_coast_is_found_as_its_closed_form_says(planned) -> None:
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("painted")
 def test_patrols_made_as_planned_find_as_many(planned, tmp_path: Path) -> None:
     """patrols.toml appended to the case: the patrols are those planned, and drawn."""
     plan, result, folder = planned
@@ -252,7 +255,10 @@ def test_patrols_made_as_planned_find_as_many(planned, tmp_path: Path) -> None:
     words = (folder / "out" / "patrols.txt").read_text()
     assert "no plan of these teams finds more than" in " ".join(words.split())
     assert max(map(len, words.splitlines())) <= 78
-    assert (folder / "out" / "patrols.png").stat().st_size > 10_000
+    chapter.PICTURES["patrols.png"](
+        PlanOutputs(plan, result, result.setting, case, False), tmp_path / "patrols.png"
+    )
+    assert (tmp_path / "patrols.png").stat().st_size > 10_000
 
 
 def test_patrols_and_stretches_for_other_programs(planned, tmp_path: Path) -> None:

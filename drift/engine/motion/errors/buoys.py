@@ -88,7 +88,7 @@ def states(places: int, buoys: int, windy: bool, biased: bool) -> int:
     return places * (1 + int(windy) + int(biased)) + buoys
 
 
-def column_names(buoys: int, many: int) -> list[str]:
+def _column_names(buoys: int, many: int) -> list[str]:
     """Return the names of the columns of deviations, of `many` states, and of distances."""
     states_of = [f"buoy_state_{k}_{side}" for k in range(many) for side in ("east", "north")]
     return states_of + [f"buoy_distance_{k}" for k in range(buoys)]
@@ -101,7 +101,7 @@ def columns(buoys: int, many: int) -> tuple[Column, ...]:
     if not buoys:
         return ()
     found = []
-    for name in column_names(buoys, many):
+    for name in _column_names(buoys, many):
         far = name.startswith("buoy_distance")
         meaning = (
             "distance from a buoy at the begin of the last step"
@@ -185,7 +185,7 @@ class Sharer:
         self._buoys, self._ensemble = buoys, ensemble
         given, m = buoys.given, buoys.places.shape[1]
         many = given.moves.shape[1]
-        names, own = column_names(m, many), ensemble.own
+        names, own = _column_names(m, many), ensemble.own
         halves = np.stack(
             [given.means[:-1], given.means[1:]], axis=2
         )  # (steps, hypotheses, 2, ...)

@@ -63,7 +63,7 @@ COLUMNS = (
 )
 
 
-def physics(errors: Errors, scenario: Scenario) -> Physics:
+def _physics(errors: Errors, scenario: Scenario) -> Physics:
     """Return a scenario's physics; an error with zero standard deviation is off."""
     current, wind = (
         errors.current,
@@ -80,7 +80,7 @@ def physics(errors: Errors, scenario: Scenario) -> Physics:
     )
 
 
-def draw_objects(
+def _draw_objects(
     ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors
 ) -> None:
     """Draw each particle's leeway, its waits for changes of state, and its initial errors of current
@@ -205,8 +205,8 @@ def fastest(drifter: Drifter, wind: float, spreads: float) -> float:
 DRIFT: Model = Model(
     forced=True,
     columns=COLUMNS,
-    terms=physics,
-    draw=draw_objects,
+    terms=_physics,
+    draw=_draw_objects,
     mover=mover,
     between=between,
     still=still,

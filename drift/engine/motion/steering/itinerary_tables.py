@@ -49,7 +49,7 @@ class Tables(NamedTuple):
 EDGE = 20_000.0
 
 
-def tables(itineraries: Sequence[Itinerary | None], period: Period) -> Tables:
+def _tables(itineraries: Sequence[Itinerary | None], period: Period) -> Tables:
     """Return the tables of the scenarios' itineraries; None: a scenario without one."""
     made = _Tables(period)
     for itinerary in itineraries:
@@ -59,7 +59,7 @@ def tables(itineraries: Sequence[Itinerary | None], period: Period) -> Tables:
 
 def plan(itineraries: Sequence[Itinerary | None], period: Period) -> Any:
     """Return a kernels.steering.itinerary.Plan of the scenarios' itineraries, on the device."""
-    return kernel.packed(tables(itineraries, period)._asdict())
+    return kernel.packed(_tables(itineraries, period)._asdict())
 
 
 class _Tables:
@@ -125,12 +125,12 @@ class _Tables:
                     law, base, numbers = (
                         kernel.BETWEEN,
                         self.period.elapsed(earliest),
-                        [*row(after), 0.0],
+                        [*_row(after), 0.0],
                     )
                 case Rate(rate):
                     law, numbers = kernel.RATE, [0.0, 0.0, 0.0, 0.0, rate]
                 case Part(part):
-                    law, numbers = kernel.SHARE, [*row(part), 0.0]
+                    law, numbers = kernel.SHARE, [*_row(part), 0.0]
         self.stories.append([first, len(self.phases), land, law, base])
         self.story_laws.append(numbers)
 
@@ -139,7 +139,7 @@ class _Tables:
         if isinstance(phase, Ways):
             numbers[0], numbers[2:4] = kernel.WAY, [len(phase.points), len(phase.destinations)]
             numbers[8] = self.period.elapsed(phase.start)
-            laws[4:8], laws[8:12] = row(phase.speed), row(phase.after)
+            laws[4:8], laws[8:12] = _row(phase.speed), _row(phase.after)
             laws[14:18] = phase.k, phase.k_spread, phase.slowest, min(phase.fastest, 1e9)
             for point in phase.points:
                 self._point(point)
@@ -150,13 +150,13 @@ class _Tables:
         else:
             numbers[6] = kernel.NEVER if phase.until is None else self.period.elapsed(phase.until)
             numbers[7] = int(min(phase.lasting, kernel.NEVER))
-            laws[4:8] = row(phase.speed)
+            laws[4:8] = _row(phase.speed)
             if isinstance(phase, Course):
-                numbers[0], laws[0:4], laws[12] = kernel.COURSE, row(phase.course), phase.change
+                numbers[0], laws[0:4], laws[12] = kernel.COURSE, _row(phase.course), phase.change
             elif isinstance(phase, Acts):
                 numbers[0], laws[0:4], numbers[8] = (
                     kernel.ACTS,
-                    row(phase.course),
+                    _row(phase.course),
                     len(self.behaviours),
                 )
                 numbers[4:6] = [0, 0] if phase.tracker is None else self._track(phase.tracker)
@@ -215,7 +215,7 @@ class _Tables:
         match point.time:
             case Spread(low, high, mode, ratio):
                 numbers[9], numbers[10] = kernel.AT_TIME, round(low)
-                laws[8:12] = row(Spread(0.0, high - low, mode - low, ratio))
+                laws[8:12] = _row(Spread(0.0, high - low, mode - low, ratio))
             case Moment(mean, std):
                 numbers[9], numbers[10], laws[8] = kernel.NORMAL_TIME, round(mean), std
         self.points.append(numbers)
@@ -250,7 +250,7 @@ class _Tables:
         return [first, lon.size]
 
 
-def row(spread: Spread) -> list[float]:
+def _row(spread: Spread) -> list[float]:
     """Return low, high, mode and uniform share of a truncated triangle, for
     kernels.maths.spreads.triangle.
     """

@@ -62,7 +62,7 @@ def phases(itineraries: Sequence[Itinerary | None]) -> Array:
         for k, phase in enumerate(itinerary.phases if itinerary else ()):
             told = []
             on_its_way = isinstance(phase, Course | Acts) or (
-                isinstance(phase, Ways) and by_speed(phase)
+                isinstance(phase, Ways) and _by_speed(phase)
             )
             # other phases hold a patrol speed
             if on_its_way or (isinstance(phase, Loiter) and k == 0):
@@ -73,7 +73,7 @@ def phases(itineraries: Sequence[Itinerary | None]) -> Array:
                 told.append(kernel.SPREAD_RATE)
             if (
                 isinstance(phase, Ways)
-                and by_speed(phase)
+                and _by_speed(phase)
                 and itinerary
                 and len(itinerary.phases) == 1
             ):
@@ -86,6 +86,6 @@ def phases(itineraries: Sequence[Itinerary | None]) -> Array:
     return table
 
 
-def by_speed(phase: Ways) -> bool:
+def _by_speed(phase: Ways) -> bool:
     """Return whether a phase's way points have no times, so that a speed determines them."""
     return not phase.destinations and all(point.time is None for point in phase.points)

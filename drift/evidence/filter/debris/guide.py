@@ -148,12 +148,12 @@ def _find(spec: EnsembleSpec, contact: Contact) -> Find:
     apart = np.stack(sphere.offset(lon[0], lat[0], lon, lat), axis=1)
     mean = share @ apart
     between = (share[:, None] * (apart - mean)).T @ (apart - mean)
-    own = axes_covariance(contact.major, contact.minor, contact.orientation)
+    own = _axes_covariance(contact.major, contact.minor, contact.orientation)
     x, y = sphere.destination(lon[0], lat[0], mean[0], mean[1])
     return Find(contact, spec.period.elapsed(contact.time), float(x), float(y), own + between)
 
 
-def axes_covariance(major: float, minor: float, orientation: float) -> Array:
+def _axes_covariance(major: float, minor: float, orientation: float) -> Array:
     """Return the covariance (east, north) of standard deviations along and across an axis.
 
     Args:
@@ -176,7 +176,7 @@ def place_covariance(scenario: Scenario) -> Array:
     """
     own = scenario.prior
     if isinstance(own, PositionPrior) and own.displacement is None:
-        return axes_covariance(own.major, own.minor, own.orientation)
+        return _axes_covariance(own.major, own.minor, own.orientation)
     return np.zeros((2, 2))
 
 

@@ -31,14 +31,14 @@ def few_particles_warnings(
     )
     placed = [update for update in updates.all if update.filled == "contact"] if updates else []
     lost += [_repopulated_warning(placed[0])] if placed else []
-    update = first_low(updates) if updates else None
+    update = _first_low(updates) if updates else None
     if update is None:
         return lost + effective.effective_warnings(data, particles)
     low = Count(update.left, particles)
     resampling = "" if update.resampled else ", or [resampling] below = 0.05"
-    when = f"{after_update(update)} ({Count(update.ess_before).number:,.0f} before it)"
+    when = f"{_after_update(update)} ({Count(update.ess_before).number:,.0f} before it)"
     words = effective.sentence(low, when, "areas and shares after it are rough")
-    warning = f"{words}. {_what_to_check(update, contacts)}; otherwise use {particles_needed(low):,} particles or more{resampling}"
+    warning = f"{words}. {_what_to_check(update, contacts)}; otherwise use {_particles_needed(low):,} particles or more{resampling}"
     return [
         *lost,
         warning,
@@ -68,7 +68,7 @@ def _what_to_check(update: Update, contacts: Sequence[Contact]) -> str:
 def _repopulated_warning(update: Update) -> str:
     """Return a warning about the first update that repopulated particles."""
     return (
-        f"Particles were repopulated {after_update(update)}, as [resampling] asks: a heuristic, not a posterior. Areas and shares from then on are "
+        f"Particles were repopulated {_after_update(update)}, as [resampling] asks: a heuristic, not a posterior. Areas and shares from then on are "
         "rough; speed and course are of the particles before"
     )
 
@@ -76,12 +76,12 @@ def _repopulated_warning(update: Update) -> str:
 def _lost_track_warning(update: Update) -> str:
     """Return a warning about an update after which the track is lost."""
     return (
-        f"The track is lost {after_update(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show the few "
+        f"The track is lost {_after_update(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show the few "
         "particles that remain, until a contact repopulates them; search wider, or give a smaller bulk"
     )
 
 
-def particles_needed(low: Count) -> int:
+def _particles_needed(low: Count) -> int:
     """Return the number of particles that avoids the warning, rounded up to two digits.
 
     The number of effective particles is proportional to the number of particles.
@@ -92,7 +92,7 @@ def particles_needed(low: Count) -> int:
     return int(math.ceil(wanted / digit) * digit)
 
 
-def first_low(updates: Updates) -> Update | None:
+def _first_low(updates: Updates) -> Update | None:
     """Return the first update with few effective particles; all later ones depend on it."""
     return next((update for update in updates.all if Count(update.left).few), None)
 
@@ -105,6 +105,6 @@ def lowest(updates: Updates, particles: int | None = None) -> Count:
     return Count(min((update.left for update in updates.all), default=0.0), particles)
 
 
-def after_update(update: Update) -> str:
+def _after_update(update: Update) -> str:
     """Return the words "after" and the update."""
     return f'after {update.kind} "{update.name}"'

@@ -299,7 +299,7 @@ def wet(sea: Sea, points: Array) -> Array:
     return _wet(sea.wet, sea.plane, points)
 
 
-def clear(sea: Sea, begin: Array, end: Array) -> Array:
+def _clear(sea: Sea, begin: Array, end: Array) -> Array:
     """Return whether great circles between points are clear of the barrier, bool (n,).
 
     Args:
@@ -452,7 +452,7 @@ def short_ways(
     straight = np.hypot(*(end - begin).T)
     open_pairs = np.flatnonzero(straight <= most)
     untested = open_pairs[~blocked[open_pairs]]
-    sighted = untested[clear(sea, begin[untested], end[untested])]
+    sighted = untested[_clear(sea, begin[untested], end[untested])]
     for k in sighted:
         ways[k] = np.stack([begin[k], end[k]])
     open_pairs = np.setdiff1d(open_pairs, sighted)
@@ -525,7 +525,7 @@ def _shortcut(sea: Sea, way: Array) -> Array:
     kept, k = [0], 0
     while k < len(way) - 1:
         ahead = way[k + 1 :]
-        visible = np.flatnonzero(clear(sea, np.broadcast_to(way[k], ahead.shape), ahead))
+        visible = np.flatnonzero(_clear(sea, np.broadcast_to(way[k], ahead.shape), ahead))
         k += 1 + int(visible.max(initial=0))
         kept.append(k)
     return way[kept]
@@ -547,7 +547,7 @@ def visible_nodes(sea: Sea, point: Array) -> Array:
     """Return which nodes are visible from a point [m], bool (nodes,).
 
     The test uses rays, between which a rock may hide. It serves only the search for rectangles;
-    `clear` decides on the ways and times of a plan.
+    `_clear` decides on the ways and times of a plan.
     """
     nodes = sea.nodes
     lon, lat = sea.plane.round(*point)
@@ -623,7 +623,7 @@ def nearest_visible_node(sea: Sea, far: Array, point: Array) -> int | None:
     places = sea.at(node)
     # No node is visible from a point on land, because nodes are in the water.
     total = np.where(
-        clear(sea, np.broadcast_to(point, places.shape), places),
+        _clear(sea, np.broadcast_to(point, places.shape), places),
         far[node] + np.hypot(*(places - point).T),
         np.inf,
     )

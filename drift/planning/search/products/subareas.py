@@ -68,16 +68,16 @@ def pattern(tasking: Tasking) -> str:
     if not manner.moves:
         return words
     return (
-        f"{words}, drifting {drift(tasking) / KNOT:.1f} kn toward {degrees(toward(tasking)):03d}T"
+        f"{words}, drifting {_drift(tasking) / KNOT:.1f} kn toward {degrees(_toward(tasking)):03d}T"
     )
 
 
-def drift(tasking: Tasking) -> float:
+def _drift(tasking: Tasking) -> float:
     """Return the speed [m/s] at which the frame of a tasking's pattern drifts."""
     return math.hypot(tasking.manner.east, tasking.manner.north)
 
 
-def toward(tasking: Tasking) -> float:
+def _toward(tasking: Tasking) -> float:
     """Return the direction [rad] of that drift, clockwise from north."""
     return math.atan2(tasking.manner.east, tasking.manner.north)
 
@@ -329,8 +329,8 @@ def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
         "width_nmi": tasking.width / NMI,
         "orientation_deg": math.degrees(tasking.orientation) % 360,
         "pattern": tasking.manner.pattern,
-        "drift_kn": drift(tasking) / KNOT,
-        "drift_toward_deg": math.degrees(toward(tasking)) % 360,
+        "drift_kn": _drift(tasking) / KNOT,
+        "drift_toward_deg": math.degrees(_toward(tasking)) % 360,
         "creep_deg": math.degrees(tasking.creep) % 360,
         "spacing_nmi": tasking.spacing / NMI,
         "legs": tasking.legs,
@@ -411,8 +411,8 @@ def plan_numbers(plan: Plan) -> dict[str, Any]:
                 "width_m": tasking.width,
                 "orientation_deg": np.degrees(tasking.orientation) % 360,
                 "pattern": tasking.manner.pattern,
-                "drift_m_s": drift(tasking),
-                "drift_toward_deg": np.degrees(toward(tasking)) % 360,
+                "drift_m_s": _drift(tasking),
+                "drift_toward_deg": np.degrees(_toward(tasking)) % 360,
                 "creep_deg": np.degrees(tasking.creep) % 360,
                 "spacing_m": tasking.spacing,
                 "legs": tasking.legs,

@@ -164,7 +164,7 @@ def _at_sea(tasking: Tasking) -> str:
         f"{name.lower()} {way / NMI:.1f} nmi by sea, {straight / NMI:.1f} straight"
         for name, way, straight in subareas.by_sea(tasking)
     ]
-    remarks += [f"legs {listed(tasking.cut)} cut at the coast"] * bool(tasking.cut)
+    remarks += [f"legs {_listed(tasking.cut)} cut at the coast"] * bool(tasking.cut)
     return "".join(f", {words}" for words in remarks)
 
 
@@ -284,7 +284,7 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
     if tasking.cut:
         ways = f"{subareas.round_length(tasking) / NMI:.1f} nmi of ways round land without search"
         swept = f"{subareas.track_length(tasking) / NMI:.1f} nmi search {_share(tasking.swept)} of the sea in the area"
-        rows.append(("Cut legs", f"{listed(tasking.cut)}: cut at the coast; {swept}; {ways}"))
+        rows.append(("Cut legs", f"{_listed(tasking.cut)}: cut at the coast; {swept}; {ways}"))
     rows.append(
         (
             "Speed",
@@ -334,7 +334,7 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
     ]
 
 
-def listed(numbers: Sequence[int]) -> str:
+def _listed(numbers: Sequence[int]) -> str:
     """Return ascending numbers with runs as ranges: 6 to 8, 12."""
     runs: list[list[int]] = []
     for number in numbers:

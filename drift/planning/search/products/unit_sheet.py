@@ -233,7 +233,7 @@ def _inset(figure: Figure, tasking: Tasking, land: Array) -> None:
 def _facts(figure: Figure, plan: Plan, name: str, tasking: Tasking) -> None:
     """Write the unit's task, as in the search action plan, and the hours of daylight."""
     lines = [line.removeprefix("      ") for line in plan_text.task(plan, name, tasking)[1:]]
-    lines.append(f"{'Daylight':{plan_text.LABEL}}{light(tasking)}")
+    lines.append(f"{'Daylight':{plan_text.LABEL}}{_light(tasking)}")
     for words in plan.said:
         if words.startswith(f"{tasking.unit.name} "):
             wrapped = textwrap.wrap(
@@ -257,7 +257,7 @@ def _facts(figure: Figure, plan: Plan, name: str, tasking: Tasking) -> None:
         )
 
 
-def light(tasking: Tasking) -> str:
+def _light(tasking: Tasking) -> str:
     """Return sunrise and sunset at the commence search point for the day of the search."""
     begin = float(notation.epoch(tasking.on_scene))
     place = subareas.begin(tasking)

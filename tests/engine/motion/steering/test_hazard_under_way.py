@@ -4,6 +4,7 @@ hazard along its own track, in float64 and by great circles of the test's own.
 A time of distress, put through its own distribution, is uniform between 0 and 1.
 """
 
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ def load(folder: Path, key: Any, hazard: Any, phases: Any = None, **more: Any) -
         "phase": phases or [{"voyage": VOYAGE}],
         **more.pop("own", {}),
     }
-    tables = {"particles": N, "duration": "40 h", **more}
+    tables = {"particles": N, "duration": "40 h", "clock": {"step": 1800}, **more}
     return trial_case.load(folder, scenario=own, **tables)
 
 
@@ -70,11 +71,16 @@ def drawn(case: drift.Case) -> dict[str, np.ndarray]:
     return {name: own[name].to_numpy().astype(float) for name in names}
 
 
-def hazard_of_field(seconds: np.ndarray, lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
+@cache
+def field_between() -> Any:
+    """Return the field as a function of hours, latitude and longitude."""
     from scipy.interpolate import RegularGridInterpolator
 
-    inner = RegularGridInterpolator((HOURS, LAT, LON), field())
-    return inner(np.stack([seconds / 3600, lat, (lon - LON[0]) % 360 + LON[0]], axis=-1))
+    return RegularGridInterpolator((HOURS, LAT, LON), field())
+
+
+def hazard_of_field(seconds: np.ndarray, lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
+    return field_between()(np.stack([seconds / 3600, lat, (lon - LON[0]) % 360 + LON[0]], axis=-1))
 
 
 def along(corners: Any, seconds: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
