@@ -81,6 +81,7 @@ def test_the_rows_of_a_text() -> None:
         ("sortie.0.pattern.spacing", "0.7 nmi"),
         ("sortie.0.completed", "60 %"),
         ("sortie.1.name", "Rescue 193"),
+        ("sortie.1.track", "lifeboat.gpx"),
         ("plan.until", "+20 h"),
         ("plan.rounds", 2),
         ("plan.ashore", True),

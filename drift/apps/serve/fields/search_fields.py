@@ -99,7 +99,7 @@ SINGLE_FIELDS = tuple(f"{table}.{key}" for table, keys in SINGLE.items() for key
 ROW = re.compile(rf"({'|'.join(map(re.escape, TABLES))})\.(\d{{1,2}})(?:\.(.+))?")
 NUMBER = re.compile(r"\.\d+")
 POSITIONS = ("waypoints", "polygon", "between")  # lists of positions
-LISTS = (*POSITIONS, "stretches", "track")  # lists of words
+LISTS = (*POSITIONS, "stretches")  # lists of words
 PLACES = ("at", "base", "centre", "datum", "from")  # one position
 
 # keys of a spill that other fields show
@@ -257,7 +257,7 @@ def check_value(field: str, value: Any) -> None:
 
 def _check_one(field: str, value: Any) -> None:
     last, plain = field.rpartition(".")[2], NUMBER.sub("", field)
-    if last in LISTS and not (plain == "spill.track" and isinstance(value, str)):
+    if last in LISTS or (plain == "spill.track" and not isinstance(value, str)):
         if not isinstance(value, list) or not 1 <= len(value) <= MOST_POSITIONS:
             raise UserError(
                 f"{field}: give a list of {'names' if last == 'stretches' else 'positions'}"
