@@ -37,6 +37,14 @@ export function all(selector, inside = document) {
 }
 
 /**
+ * Put the cursor into an element, unless the user is typing elsewhere by now.
+ * @param {HTMLElement | undefined} element
+ */
+export function focus_kindly(element) {
+  if (!document.activeElement?.matches("input, select, textarea")) element?.focus();
+}
+
+/**
  * Make an element. A value of false or null leaves its attribute out.
  * @template {keyof HTMLElementTagNameMap} Kind
  * @param {Kind} kind

@@ -3,7 +3,7 @@ import { layer_of, shape } from "./drawn.js";
 import { opened, text } from "./editor.js";
 import { dropped, saved } from "./files.js";
 import * as form from "./form.js";
-import { all, ask, button, get, guarded } from "./kit.js";
+import { all, ask, button, focus_kindly, get, guarded } from "./kit.js";
 import * as sea from "./map.js";
 import { chosen, fill_inputs, inputs_of, list_of, variants_of } from "./rows.js";
 import * as words from "./spills.js";
@@ -192,7 +192,7 @@ async function add(table, row, key) {
   const k = own.told?.rows[table].length ?? 0;
   LISTS[table].open(k);
   await tools.set([{ field: `${table}.${k}`, value: row }]);
-  all(`[data-own="${table}.${k}.${key}"]`)[0]?.focus();
+  focus_kindly(all(`[data-own="${table}.${k}.${key}"]`)[0]);
 }
 
 /** @param {SpillTable} table @param {string} stem */

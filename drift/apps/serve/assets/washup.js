@@ -207,11 +207,12 @@ function choose(k, go) {
 
 sea.chart.on("singleclick", (event) => {
   if (sea.picking() || !own.told) return;
-  const found = sea.chart.forEachFeatureAtPixel(event.pixel, (feature) => feature.get("stretch"), {
+  const found = sea.chart.forEachFeatureAtPixel(event.pixel, (feature) => feature, {
     hitTolerance: 6,
     layerFilter: (layer) => layer === bands.layer || layer === marks.layer,
   });
-  if (typeof found === "number") choose(found, false);
+  const k = found?.get("stretch");
+  if (typeof k === "number") choose(k, false);
 });
 get("stretch-class").addEventListener("change", () => {
   draw();
