@@ -446,7 +446,7 @@ def make(
         webhook: where a message goes when a run ends.
     """
     desk = Desk(folder, secret, allowed, limits, webhook)
-    form = FormRoutes(folder, allowed, limits)
+    form = FormRoutes(folder, allowed, limits, len(secret.users))
     search = SearchRoutes(folder, form)
     exports = ExportRoutes(folder, allowed, limits)
 

@@ -162,8 +162,10 @@ export function list_of(place, spec, tools) {
         const focus = document.activeElement instanceof HTMLElement ? document.activeElement : null;
         const [field, id] = [focus?.dataset.own, focus?.id];
         const open = new Set(all("details[open]", place).map((one) => one.dataset.row));
-        if (own.open !== null) open.add(`${spec.table}.${own.open}`);
-        own.open = null;
+        if (own.open !== null && own.open < rows.length) { // not before it has come
+          open.add(`${spec.table}.${own.open}`);
+          own.open = null;
+        }
         place.replaceChildren(...rows.map((row, k) => item_of(row, k, open.has(`${spec.table}.${k}`))));
         if (!rows.length) place.append(make("li", { class: "soft" }, spec.empty));
         if (field && document.activeElement === document.body) all(`[data-own="${CSS.escape(field)}"]`)[0]?.focus();

@@ -116,10 +116,10 @@ class Invalid(Exception):
 class FormRoutes:
     """Request handlers of the form, the sketch and the map."""
 
-    def __init__(self, folder: Path, allowed: fence.Fence, limits: Limits) -> None:
+    def __init__(self, folder: Path, allowed: fence.Fence, limits: Limits, users: int = 1) -> None:
         self.folder = folder
-        self.typing = Warm(folder, allowed, limits)
-        self.sketching = Warm(folder, allowed, limits)
+        self.typing = Warm(folder, allowed, limits, users)
+        self.sketching = Warm(folder, allowed, limits, users)
         self._warming: asyncio.Task[Any] | None = None
 
     def routes(self) -> list[Operation]:
