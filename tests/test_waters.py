@@ -171,7 +171,7 @@ def test_the_smallest_box_about_two(seed: int) -> None:
     # what rounding leaves
     joined = replace(joined, west=joined.west - 1e-9, east=joined.east + 1e-9)
     for one in pair:
-        assert shared_forcing._lies_inside(one, joined)
+        assert shared_forcing.lies_inside(one, joined)
         for side, change in (("west", 0.5), ("east", -0.5), ("south", 0.5), ("north", -0.5)):
             less = replace(joined, **{side: getattr(joined, side) + change})
             edge = getattr(one, side)
@@ -180,7 +180,7 @@ def test_the_smallest_box_about_two(seed: int) -> None:
                 if side in ("west", "east")
                 else edge - getattr(joined, side)
             )
-            assert shared_forcing._lies_inside(one, less) == (abs(apart) > 0.5)
+            assert shared_forcing.lies_inside(one, less) == (abs(apart) > 0.5)
 
 
 def test_near_cases_share_their_waters_and_far_ones_do_not(tmp_path: Path) -> None:

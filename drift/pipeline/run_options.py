@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypedDict, TypeVar, get_args, get_type_hints
 
 from drift.case.record import Case
-from drift.engine.environment.environment import Environment
+from drift.engine.environment.environment import Common, Environment
 from drift.forecast.products import chapter as forecast_chapter
 from drift.pipeline import run_setup
 from drift.products.files import writer
@@ -116,12 +116,13 @@ class Job:
     client: Any = None
 
 
-def open_job(case: Case, options: Options = Options()) -> Job:
+def open_job(case: Case, options: Options = Options(), common: Common | None = None) -> Job:
     """Return the job of a case: check the output folder, start Taichi and open the environment.
 
     Args:
         case: the case.
         options: its output folder and run options.
+        common: sources and coast shared with other cases; None: nothing is shared.
 
     Raises:
         UserError: options exclude each other, the output folder cannot be written or holds
@@ -147,7 +148,7 @@ def open_job(case: Case, options: Options = Options()) -> Job:
         runtime.start(backend, options.threads, case.particles)
     tell("read", 0.0)
     with clock.phase("read"):
-        where = run_setup.open_for(case, options.datasets)
+        where = run_setup.open_for(case, options.datasets, common=common)
     return Job(
         case,
         where,

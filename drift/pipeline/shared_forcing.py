@@ -96,7 +96,7 @@ class SharedRegion:
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
         """Return the shared land and coast if they equal those of a case in its box, else None."""
-        if not _lies_inside(domain.around(spec, 0.0, domain.FARTHEST), box) or not _lies_inside(
+        if not lies_inside(domain.around(spec, 0.0, domain.FARTHEST), box) or not lies_inside(
             box, self._coastal
         ):
             return None
@@ -156,7 +156,7 @@ def _smallest_common_box(box: Box, other: Box) -> Box:
     )
 
 
-def _lies_inside(box: Box, other: Box) -> bool:
+def lies_inside(box: Box, other: Box) -> bool:
     """Return whether a box lies inside another."""
     offset = (box.west - other.west) % 360
     return (

@@ -126,9 +126,10 @@ def _check(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
 
 def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     """Return the forecast of a few particles, as the map of the desk shows it."""
+    from drift.apps.serve.answers import sketch_waters
     from drift.engine.particles.status import Status
     from drift.forecast.products import headline
-    from drift.pipeline import flow
+    from drift.pipeline import flow, run_options
     from drift.products.files import geojson
 
     path, text = Path(request["path"]), request["text"]
@@ -138,7 +139,10 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     overrides = {**few, "output.trajectories": str(DRAWN), "output.areas": AREAS}
     case = case_file.load_text(path, text, overrides)
     case = replace(case, outputs=few_outputs(case.outputs, case.opens))
-    result = flow.run(case, report=tell)
+    job = run_options.open_job(
+        case, run_options.Options(report=tell), sketch_waters.region_of(case)
+    )
+    result = flow.forecast_job(job)
     data, tracks = result.forecast.data, result.trajectories
     times = [f"{time.astype('datetime64[s]')}Z" for time in data["time"].values]
     areas = [

@@ -152,8 +152,10 @@ export function list_of(place, spec, tools) {
     return make("li", {}, box);
   };
   return {
-    /** Build the list again, and open a row of it. @param {number | null} [open] */
-    again: (open = null) => Object.assign(own, { built: "", open }),
+    /** Build the list again for another case. */
+    again: () => Object.assign(own, { built: "", open: null }),
+    /** Open a row that is about to be added. @param {number} k */
+    open: (k) => Object.assign(own, { open: k }),
     /** @param {Row[]} rows */
     show(rows) {
       const sign = JSON.stringify([rows.map((row) => [spec.sign(row), row.in_text]), tools.files()]);
@@ -162,10 +164,8 @@ export function list_of(place, spec, tools) {
         const focus = document.activeElement instanceof HTMLElement ? document.activeElement : null;
         const [field, id] = [focus?.dataset.own, focus?.id];
         const open = new Set(all("details[open]", place).map((one) => one.dataset.row));
-        if (own.open !== null && own.open < rows.length) { // not before it has come
-          open.add(`${spec.table}.${own.open}`);
-          own.open = null;
-        }
+        if (own.open !== null) open.add(`${spec.table}.${own.open}`);
+        if (own.open !== null && own.open < rows.length) own.open = null; // else the row is still to come
         place.replaceChildren(...rows.map((row, k) => item_of(row, k, open.has(`${spec.table}.${k}`))));
         if (!rows.length) place.append(make("li", { class: "soft" }, spec.empty));
         if (field && document.activeElement === document.body) all(`[data-own="${CSS.escape(field)}"]`)[0]?.focus();

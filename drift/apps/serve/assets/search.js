@@ -189,7 +189,7 @@ function free_name(table, stem) {
 /** @param {Listed3} table @param {Table} row */
 async function add(table, row) {
   const k = own.told?.rows[table].length ?? 0;
-  LISTS[table].again(k);
+  LISTS[table].open(k);
   await tools.set([{ field: `${table}.${k}`, value: row }]);
   all(`[data-own="${table}.${k}.name"]`)[0]?.focus();
 }

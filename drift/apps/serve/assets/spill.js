@@ -195,7 +195,7 @@ function look_at(points) {
  */
 async function add(table, row, key) {
   const k = own.told?.rows[table].length ?? 0;
-  LISTS[table].again(k);
+  LISTS[table].open(k);
   await tools.set([{ field: `${table}.${k}`, value: row }]);
   all(`[data-own="${table}.${k}.${key}"]`)[0]?.focus();
 }
