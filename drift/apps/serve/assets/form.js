@@ -321,7 +321,7 @@ export function work_on_text(field, work) {
  */
 export async function settled() {
   const typed = document.activeElement;
-  if (typed instanceof HTMLInputElement && typed.form === get("form")) { // leaving it writes what it has
+  if ((typed instanceof HTMLInputElement || typed instanceof HTMLTextAreaElement) && typed.form === get("form")) { // leaving it writes what it has
     typed.blur();
     typed.focus({ preventScroll: true });
   }
@@ -355,6 +355,7 @@ for (const radio of KNOWN) {
 }
 get("form").addEventListener("submit", (event) => event.preventDefault());
 text.addEventListener("input", () => {
+  own.refused = false; // the text counts now
   own.draft.clear();
   clearTimeout(own.timer);
   own.timer = setTimeout(refresh, 250);

@@ -78,6 +78,11 @@ def test_a_field_that_cannot_be_read_stops_the_run(page: Any, served: Server) ->
     page.get_by_text("A field of the form cannot be read").wait_for()
     assert saved(served)["duration"] == "24 h"
     assert page.evaluate("fetch('/api/jobs').then(one => one.json())")["jobs"] == []
+    page.get_by_role("button", name="Text", exact=True).click()  # what is typed there counts
+    page.locator("#text").fill(CASE.replace("24 h", "30 h"))
+    page.get_by_role("button", name="Save").click()
+    page.locator("#said").get_by_text("Saved.").wait_for()
+    assert saved(served)["duration"] == "30 h"
 
 
 def test_a_plan_without_units_shows_where_to_add_one(page: Any, served: Server) -> None:
