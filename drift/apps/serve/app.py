@@ -237,7 +237,8 @@ class Desk:
         if len(text.encode()) > shelf.LARGEST:
             return _error_response(413, f"a case has at most {shelf.LARGEST:,} bytes")
         try:
-            digest = shelf.save(self.folder, name, text, digest_read)
+            # in a thread: another program may keep the folder locked for seconds
+            digest = await run_in_threadpool(shelf.save, self.folder, name, text, digest_read)
         except shelf.Conflict:
             what = (
                 "exists already"
@@ -405,6 +406,11 @@ async def _no_route(request: Request, error: Exception) -> Response:
     return _error_response(status, "there is no such address, or not for this method")
 
 
+async def _broken(request: Request, error: Exception) -> Response:
+    """Return the answer to a request that a mistake of the server broke; its trace is printed."""
+    return _error_response(500, "this request broke off by a mistake of drift serve; report it")
+
+
 def _error_response(status: int, line: str) -> Response:
     return JSONResponse({"error": line}, status)
 
@@ -446,7 +452,7 @@ def make(
         webhook: where a message goes when a run ends.
     """
     desk = Desk(folder, secret, allowed, limits, webhook)
-    form = FormRoutes(folder, allowed, limits)
+    form = FormRoutes(folder, allowed, limits, len(secret.users))
     search = SearchRoutes(folder, form)
     exports = ExportRoutes(folder, allowed, limits)
 
@@ -475,5 +481,6 @@ def make(
         Operation("GET", "/api/openapi.json", openapi, api.OBJECT),
     ]
     reads = api.open_to_guests(routes)
-    app = Starlette(routes=routes, lifespan=lifespan, exception_handlers={HTTPException: _no_route})
+    broken = {HTTPException: _no_route, Exception: _broken}
+    app = Starlette(routes=routes, lifespan=lifespan, exception_handlers=broken)
     return Gate(app, places, secret, reads, lambda user: desk.log.add(user.name, "entered"))

@@ -20,7 +20,7 @@ from geo.errors import UserError
 from geo.files import fence
 
 START = "from drift.apps.cli import tethered; tethered.answer"
-MOST_WAITING = 20  # requests
+MOST_WAITING = 20  # requests of each user, as one page sends several when it opens
 LONGEST_ANSWER = 2**25  # [bytes]
 PATIENCE = {  # [s]
     "form": 10.0,
@@ -53,7 +53,10 @@ class Overtaken(Exception):
 class Warm:
     """A process that stays, and answers one request after the other."""
 
-    def __init__(self, folder: Path, allowed: fence.Fence, limits: jobs.Limits) -> None:
+    def __init__(
+        self, folder: Path, allowed: fence.Fence, limits: jobs.Limits, users: int = 1
+    ) -> None:
+        self._most_waiting = MOST_WAITING * users
         self._folder, self._limits = folder, limits
         self._fence = replace(allowed, writable=())
         self._process: asyncio.subprocess.Process | None = None
@@ -72,7 +75,7 @@ class Warm:
             UserError: what the user can correct, or the process ended or took too long.
             Overtaken: too many requests wait.
         """
-        if self._waiting >= MOST_WAITING:
+        if self._waiting >= self._most_waiting:
             raise Overtaken("too many requests are waiting")
         self._waiting += 1
         try:
@@ -83,7 +86,7 @@ class Warm:
 
     async def ask_newest(self, do: str, user: str, **values: Any) -> Any:
         """Return the answer to a request, which takes the place of those of its user before it."""
-        if self._waiting >= MOST_WAITING:
+        if self._waiting >= self._most_waiting:
             raise Overtaken("too many requests are waiting")
         self._waiting += 1
         try:

@@ -63,7 +63,10 @@ def _message_of(complaint: Mapping[str, Any]) -> str:
         return str(context["error"])
     if kind == "missing":
         return "is missing and has no default"
-    given = repr(complaint["input"])
+    try:
+        given = repr(complaint["input"])
+    except ValueError:  # Python spells no whole number of more than 4300 digits
+        given = "a number of too many digits"
     given = given if len(given) <= 60 else given[:57] + "..."
     if kind == "literal_error":
         return f"{given} is not allowed; write {context['expected']}"

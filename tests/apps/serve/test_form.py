@@ -1,5 +1,6 @@
 """The form of the desk: fields read from a text and written into it; tomllib is the oracle."""
 
+import re
 import tomllib
 from copy import deepcopy
 from typing import Any
@@ -187,3 +188,19 @@ def test_messages_have_their_field_and_line() -> None:
             assert wrong.split("\n")[told["line"] - 1].count(new.strip(" #")) == 1, told
     (told,) = check({"path": "/x/a.toml", "text": 'title = "x"\nstart == 3\n'}, print)["messages"]
     assert (told["line"], told["field"]) == (2, None)
+
+
+def test_what_is_missing_is_said_without_toml() -> None:
+    """Of a new case, and of tables that the form has begun: beside its field, in a planner's words."""
+    new = form.new_text(np.datetime64("2026-11-21T18:30"))
+    place = 'position = { at = "50 02.2N 005 31.7W", error = "1 nmi" }\nobject = "PIW-1"\n'
+    contact = f'{place}[[contact]]\nname = "a flare"\ntime = ""\n'
+    contact += 'position = { at = "50 02.2N 005 31.7W", error = "1 nmi" }\n'
+    seen: dict[str, str] = {}
+    for text in (new, new + place, new + contact, f'{new}{place}[[unit]]\nname = "lifeboat"\n'):
+        for one in process.ANSWERS["check"]({"path": "/x/a.toml", "text": text}, print)["messages"]:
+            assert not re.search(r"\[|drift objects|\"\"|no default", one["message"]), one
+            seen[one["field"]] = one["message"]
+    expected = {"scenario.0.position.at", "scenario.0.object", "wind", "current", "contact.0.time", "unit.0.base"}  # fmt: skip
+    assert expected <= seen.keys()
+    assert all("missing" in seen[field] for field in expected)

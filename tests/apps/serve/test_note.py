@@ -1,6 +1,8 @@
 """The short text about a result."""
 
 import json
+import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,9 @@ import xarray as xr
 from desks import Server, finished
 
 import drift
+from drift.apps.serve.answers import note_answers
 from geo import notation
+from geo.errors import UserError
 
 
 def test_what_is_no_result_gets_a_line(tmp_path: Path) -> None:
@@ -20,6 +24,24 @@ def test_what_is_no_result_gets_a_line(tmp_path: Path) -> None:
             assert line == f"{name}: is not a result with a forecast"
         for name in ("../result", ".hidden", "", 1, None):
             assert served.ask("POST", "/api/note", {"run": name})[0] == 400
+
+
+def test_what_stands_for_a_forecast_and_is_none(tmp_path: Path) -> None:
+    """A pipe, which nobody writes to, a link, a file that no manifest lists, and a deep summary."""
+    (tmp_path / "outside.nc").write_bytes(b"CDF")
+    for name in ("pipe", "link", "deep"):
+        finished(tmp_path / name, forecast_nc="x")
+        (tmp_path / name / "forecast.nc").unlink()
+    os.mkfifo(tmp_path / "pipe" / "forecast.nc")
+    (tmp_path / "link" / "forecast.nc").symlink_to(tmp_path / "outside.nc")
+    shutil.copy(tmp_path / "outside.nc", tmp_path / "deep" / "forecast.nc")
+    (tmp_path / "deep" / "summary.json").write_text("[" * 100_000, encoding="utf-8")
+    finished(tmp_path / "unlisted")
+    shutil.copy(tmp_path / "outside.nc", tmp_path / "unlisted" / "forecast.nc")
+    for name in ("pipe", "link", "deep", "unlisted"):
+        with pytest.raises(UserError) as caught:
+            note_answers.note({"path": str(tmp_path / name)})
+        assert str(caught.value) == f"{name}: is not a result with a forecast"
 
 
 @pytest.mark.thorough

@@ -1,5 +1,6 @@
 """The warm processes of drift serve: what they answer, what they may not, and their end."""
 
+import asyncio
 import json
 import os
 import signal
@@ -202,3 +203,23 @@ def test_a_process_that_dies_is_replaced(asked: Server) -> None:
     until(lambda: not children() & before, 20)
     # the request that meets the dead process may say so; the next has another
     until(lambda: "scenarios" in asked.json("POST", "/api/form", {"text": ""}), 20)
+
+
+@pytest.mark.parametrize("users", [1, 3])
+def test_each_user_may_wait_with_so_many_requests(asked: Server, users: int) -> None:
+    """Several open their pages at once: none is rejected for what the pages of others ask."""
+    from drift.apps.serve import jobs, server
+
+    async def most() -> int:
+        allowed = server._fence(asked.folder, [], [])
+        made = warm.Warm(asked.folder, allowed, jobs.Limits(), users)
+        await made._turn.acquire()  # the process works on something
+        waiting = [asyncio.create_task(made.ask("form", text="")) for _ in range(90)]
+        await asyncio.sleep(0)
+        rejected = sum(one.done() for one in waiting)
+        for one in waiting:
+            one.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
+        return len(waiting) - rejected
+
+    assert asyncio.run(most()) == 20 * users

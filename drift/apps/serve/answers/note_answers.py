@@ -26,8 +26,10 @@ def note(request: Mapping[str, Any]) -> dict[str, Any]:
         request: the path of a result as `path`.
     """
     path = Path(request["path"])
-    fence.check(str(path / FORECAST))
     try:
+        handle, _ = shelf.file_of_run(path.parent, path.name, FORECAST)  # no pipe, no link
+        with open(handle, "rb"):
+            fence.check_open(handle, path / FORECAST)
         content = json.loads(
             names.contents(path.parent, path.name, shelf.SUMMARY, largest=shelf.LARGEST_SUMMARY)
         )
@@ -35,7 +37,7 @@ def note(request: Mapping[str, Any]) -> dict[str, Any]:
         with xr.open_dataset(path / FORECAST) as data:
             lines = _lines(data, None if opens is None else np.datetime64(opens.rstrip("Z"), "s"))
         title, run, warnings = content["title"], content["run_id"], content.get("warnings", [])
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, IndexError):
+    except (OSError, LookupError, ValueError, TypeError, AttributeError, RecursionError):
         raise UserError(f"{path.name}: is not a result with a forecast") from None
     lines = [title, *lines, *(f"Warning: {line}" for line in warnings), f"Run {run} of casp-drift."]
     return {"text": "\n".join(str(line) for line in lines) + "\n"}

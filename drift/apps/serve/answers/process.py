@@ -41,6 +41,7 @@ DRAWN = 2000  # of them, on the map
 AREAS = "[50, 75, 95]"
 MOST_OUTPUTS = 9  # of a sketch: the maps of many outputs take most of its time
 OVERLONG = 300  # characters of a message
+NOT_SHOWN = "this has a number that the page cannot show (nan, inf or of many digits); change it"
 Times = npt.NDArray[np.datetime64]
 
 # what a case that has searches needs besides; kernels are compiled by what they take
@@ -72,9 +73,16 @@ def answer_requests() -> None:
     while True:
         request = requests.get()
         cancelled.clear()
-        answer = _answer(request, cancelled)
-        out.write(json.dumps({"id": request["id"], **answer}, allow_nan=False) + "\n")
+        out.write(_line(request["id"], _answer(request, cancelled)) + "\n")
         out.flush()
+
+
+def _line(number: int, answer: Mapping[str, Any]) -> str:
+    """Return an answer as JSON, or an error if it has a number that JSON cannot hold."""
+    try:
+        return json.dumps({"id": number, **answer}, allow_nan=False)
+    except (ValueError, RecursionError):
+        return json.dumps({"id": number, "error": NOT_SHOWN})
 
 
 def _read_requests(requests: queue.Queue[dict[str, Any]], cancelled: threading.Event) -> None:
@@ -100,6 +108,11 @@ def _answer(request: Mapping[str, Any], cancelled: threading.Event) -> dict[str,
         return {"error": "\n".join(line[:OVERLONG] for line in error.lines)}
     except Cancelled:
         return {"cancelled": True}
+    except MemoryError:  # what is left may not be enough for the next request
+        raise
+    except Exception as error:  # a text must not cost the others this process
+        kind = type(error).__name__
+        return {"error": f"the desk cannot work on this ({kind}): see what drift check says of it"}
 
 
 Tell = Callable[[str, float], None]

@@ -1,6 +1,6 @@
 // The page: its lists, jobs, buttons and colours. The other modules have the editor, the form and the map.
 import { complaint, lay, leave, opened, save as save_text, say, tab, text } from "./editor.js";
-import { begin } from "./form.js";
+import { begin, is_spill, settled } from "./form.js";
 import { all, ask, button, bytes, file_of, get, guarded, make, span, when } from "./kit.js";
 import { paint } from "./map.js";
 import { by, watch } from "./people.js";
@@ -183,6 +183,10 @@ get("begin").addEventListener("click", guarded(async () => {
 }));
 
 async function save() {
+  if (!(await settled())) {
+    say("A field of the form cannot be read: mend the one in red.", true);
+    return false;
+  }
   const saved = await save_text();
   if (saved) await show();
   return saved;
@@ -202,6 +206,8 @@ const start = guarded(async (/** @type {string} */ kind) => {
   if (own.busy) return;
   own.busy = true;
   try {
+    await settled(); // a unit may just be written
+    if (kind === "plan" && !(is_spill() ? spill : search).can_plan()) return;
     if (!(await save())) return;
     /** @returns {Promise<Job>} */
     const new_job = () => ask("/api/jobs", { kind, case: opened.name, digest: opened.digest });
@@ -212,9 +218,10 @@ const start = guarded(async (/** @type {string} */ kind) => {
       say("");
       tab("text");
     } else {
-      say(`${kind} started: see Work, below.`);
+      say(`${NAMES[job.kind]} started: see Work, below.`);
     }
-    poll();
+    await poll();
+    if (kind === "plan" || kind === "origin") get("jobs-box").scrollIntoView({ block: "nearest" });
   } finally {
     own.busy = false;
   }

@@ -54,6 +54,22 @@ export function tab(name) {
   for (const one of all("[data-tab]")) one.setAttribute("aria-pressed", String(one.dataset.tab === name));
   for (const part of all("[data-in]")) part.hidden = !part.dataset.in?.split(" ").includes(name);
   number();
+  get("panel").scrollTop = 0; // each has its own length
+  if (get("panel").getBoundingClientRect().top < 0) get("panel").scrollIntoView(); // on a phone the page scrolls
+}
+
+/**
+ * Say what the step "Search" lacks, and show the button that adds it; return false.
+ * @param {string} words
+ * @param {HTMLElement} adds
+ */
+export function lacks(words, adds) {
+  tab("search");
+  say(words, true);
+  adds.closest("fieldset")?.scrollIntoView({ block: "center" });
+  adds.focus({ preventScroll: true });
+  get("spoken").textContent = words;
+  return false;
 }
 
 /**

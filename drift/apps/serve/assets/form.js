@@ -8,6 +8,7 @@ const own = {
   form: /** @type {Form | null} */ (null),
   timer: 0,
   turn: /** @type {Promise<unknown>} */ (Promise.resolve()),
+  refused: false, // whether the last change could not be written into the text
   scenario: 0,
   picking: "",
   asked: 0,
@@ -21,6 +22,7 @@ const own = {
   followers: /** @type {(() => Promise<void>)[]} */ ([]),
   sketches: /** @type {((told: Sketch) => void)[]} */ ([]), // who hears of a first map
 };
+const LIVE = 240; // [h] a forecast that ended so long ago or less is taken for one of today's
 /** @type {DriftObject[]} */
 let objects = [];
 
@@ -63,8 +65,17 @@ function list_objects() {
     return make("option", { value: one.name }, label);
   }));
   get("object").value = chosen;
+  show_chosen();
   const now = objects.find((one) => one.name.toLowerCase() === chosen.toLowerCase());
   get("chosen").textContent = now ? `${now.name}: ${now.description}` : chosen;
+}
+/** Scroll the list of objects, and nothing else, to the one that is chosen. */
+function show_chosen() {
+  const list = get("object");
+  const option = list.selectedOptions[0];
+  if (!option) return;
+  const [frame, its] = [list.getBoundingClientRect(), option.getBoundingClientRect()];
+  if (its.top < frame.top || its.bottom > frame.bottom) list.scrollTop += its.top - frame.top - (frame.height - its.height) / 2;
 }
 get("wanted").addEventListener("input", list_objects);
 
@@ -128,6 +139,7 @@ function fill({ fields, unknown, scenarios }) {
   for (const element of FIELDS) fill_field(element, fields[name_of(element)] ?? { value: null });
   const start = fields.start?.read;
   get("picker").value = start ? String(start).slice(0, 16) : "";
+  show_end(start, fields.duration?.read);
   for (const what of sources.SOURCES) fill_source(what, fields[what]);
   /** @param {string} key */
   const part = (key) => fields[numbered(`scenario.*.${key}`)] ?? {};
@@ -141,6 +153,20 @@ function fill({ fields, unknown, scenarios }) {
     polygon: /** @type {Point[] | undefined} */ (part("area.polygon").read),
   });
   get("headline").classList.toggle("old", Boolean(own.sketched) && own.sketched !== text.value);
+}
+
+/**
+ * Say when the forecast ends, and warn if that was in the last days: the object is sought now.
+ * @param {unknown} start
+ * @param {unknown} duration [s]
+ */
+function show_end(start, duration) {
+  const end = epoch(String(start)) + Number(duration);
+  const ago = (Date.now() / 1000 - end) / 3600;
+  const live = ago > 0 && ago < LIVE;
+  get("ends").className = live ? "wrong" : "soft";
+  const late = live ? `, ${ago.toFixed(ago < 10 ? 1 : 0)} h ago: make it longer to see where the object is now` : "";
+  get("ends").textContent = start && duration && Number.isFinite(end) ? `to ${group(end)}${late}` : "";
 }
 
 /**
@@ -275,8 +301,10 @@ export function change(changes) {
  */
 export function work_on_text(field, work) {
   own.turn = own.turn.then(guarded(async () => {
+    own.refused = true;
     try {
       write(await work());
+      own.refused = false;
     } catch (error) {
       if (!(error instanceof Rejected) || ![400, 422].includes(error.status)) throw error;
       complain([{ message: error.message, field, line: null }]);
@@ -285,6 +313,20 @@ export function work_on_text(field, work) {
     await refresh();
   }));
   return own.turn;
+}
+
+/**
+ * Wait until the text has all that was typed into the form; return false if a field could not be written.
+ * @returns {Promise<boolean>}
+ */
+export async function settled() {
+  const typed = document.activeElement;
+  if ((typed instanceof HTMLInputElement || typed instanceof HTMLTextAreaElement) && typed.form === get("form")) { // leaving it writes what it has
+    typed.blur();
+    typed.focus({ preventScroll: true });
+  }
+  await own.turn;
+  return !own.refused;
 }
 
 /** @param {string} words @returns {string[]} */
@@ -313,6 +355,7 @@ for (const radio of KNOWN) {
 }
 get("form").addEventListener("submit", (event) => event.preventDefault());
 text.addEventListener("input", () => {
+  own.refused = false; // the text counts now
   own.draft.clear();
   clearTimeout(own.timer);
   own.timer = setTimeout(refresh, 250);
@@ -377,7 +420,7 @@ const LOOKS_OF = { adrift: "sample", ashore: "ashore" };
 
 /** Make a first map of the text, and show it; return what is shown, or null. */
 export const first_map = guarded(async () => {
-  await own.turn;
+  if (!(await settled())) return null;
   const words = text.value;
   const begun = performance.now();
   const mine = (own.sketching = {});
@@ -431,20 +474,25 @@ export function show_areas(title, areas, more = {}, keep = false) {
 
 /** Fill the form from a text that was just opened in the editor. */
 export const begin = guarded(async () => {
-  Object.assign(own, { scenario: 0, fits: "", form: null, sketched: "", sketching: null, more: [] });
+  Object.assign(own, { scenario: 0, fits: "", form: null, refused: false, sketched: "", sketching: null, more: [] });
   own.draft.clear();
+  get("wanted").value = "";
   for (const what of sources.SOURCES) sources.rows(what, null);
   show_known("position");
   pick("");
   sea.clear();
-  get("headline").textContent = "";
-  get("changed").textContent = "";
+  for (const id of /** @type {const} */ (["headline", "changed", "readout"])) get(id).textContent = "";
   get("warned").replaceChildren();
   await sources.list_files();
   await refresh();
 });
 
-for (const one of all("[data-tab]")) one.addEventListener("click", () => complain(own.messages)); // beside what is shown now
+for (const one of all("[data-tab]")) {
+  one.addEventListener("click", () => {
+    complain(own.messages); // beside what is shown now
+    show_chosen();
+  });
+}
 
 guarded(async () => {
   /** @type {{objects: DriftObject[]}} */

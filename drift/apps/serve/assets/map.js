@@ -364,8 +364,9 @@ function move(index) {
   shown.index = k;
   areas.update({ time, theme: theme() });
   get("slider").value = String(k);
-  const hours = Number(Math.abs((time - times[0]) / 3600).toFixed(1));
-  const label = `${group(time)} (${time < times[0] ? "−" : "+"}${hours} h)`;
+  const start = told.start ? epoch(told.start) : times[0];
+  const hours = Number(Math.abs((time - start) / 3600).toFixed(1));
+  const label = `${group(time)} (${time < start ? "−" : "+"}${hours} h)`;
   get("now").textContent = label;
   get("slider").setAttribute("aria-valuetext", label);
   particles.clear(true);

@@ -44,7 +44,7 @@ export const show_result = guarded(async (/** @type {Run} */ run, /** @type {Run
   const older = runs.slice(runs.findIndex((one) => one.name === run.name) + 1);
   const before = older.find((one) => case_of(one) === case_of(run) && one.files.some((file) => file.name === "contours.geojson")) ?? null;
   Object.assign(own, { run, areas, before, told: null, earlier: null, scenario: null });
-  show_areas(run.name, areas, {}, keep);
+  show_areas(run.name, areas, { start: run.start || undefined }, keep);
   get("result").hidden = false;
   get("export").replaceChildren(export_part(run) ?? "");
   get("since-line").hidden = !before;

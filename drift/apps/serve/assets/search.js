@@ -1,6 +1,6 @@
 // The step "Search": what was searched, what was seen, and the units and times of the plan, each a row of the case.
 import { layer_of, search_shapes, shape } from "./drawn.js";
-import { opened, tab, text } from "./editor.js";
+import { lacks, opened, tab, text } from "./editor.js";
 import { dropped, saved } from "./files.js";
 import * as form from "./form.js";
 import { all, ask, focus_kindly, get, guarded, make } from "./kit.js";
@@ -23,11 +23,21 @@ const tools = {
   files: () => own.files,
 };
 
+/** A unit of another kind has another speed. @type {RowTools} */
+const unit_tools = {
+  ...tools,
+  set: (changes) => tools.set(changes.flatMap((change) => {
+    const [, prefix, k] = change.field.match(/^(unit\.(\d+))\.kind$/) ?? [];
+    const values = own.told?.rows.unit[Number(k)]?.values;
+    return [change, ...(prefix && values ? words.of_kind(prefix, change.value, values) : [])];
+  })),
+};
+
 /** @param {Row} row */
 const by_tables = ({ values }) => Object.keys(values).some((key) => key.startsWith("sweep_width."));
 
 /** @param {string} prefix @param {Row} row @param {FieldSpec[]} fields */
-const with_width = (prefix, row, fields) => [...inputs_of(prefix, fields, tools), ...width_of(prefix, row)];
+const with_width = (prefix, row, fields, own_tools = tools) => [...inputs_of(prefix, fields, own_tools), ...width_of(prefix, row)];
 /** @param {Row} row @param {string} kind */
 const sign_of = (row, kind) => [kind, by_tables(row)];
 
@@ -58,7 +68,7 @@ const LISTS = {
     stem: "unit",
     empty: "No unit yet: a plan needs at least one.",
     fields: () => [...words.UNIT, ...words.WIDTH, ...words.CONDITIONS],
-    inputs: (prefix, row) => with_width(prefix, row, words.UNIT),
+    inputs: (prefix, row) => with_width(prefix, row, words.UNIT, unit_tools),
     sign: (row) => sign_of(row, ""),
     heading: ({ values }) => [`${values.search_speed ?? "?"}, ${values.endurance ?? "?"} on scene`],
     look: null,
@@ -198,7 +208,7 @@ get("add-contact").addEventListener("click", () => {
   const stem = kind === "debris" ? "debris" : kind === "position" ? "sighting" : kind;
   add("contact", words.new_contact(kind, { name: free_name("contact", stem), at: middle(), start: next_start() }));
 });
-get("add-unit").addEventListener("click", () => add("unit", words.new_unit({ name: free_name("unit", "unit"), at: middle() })));
+get("add-unit").addEventListener("click", () => add("unit", words.new_unit({ name: free_name("unit", "unit") })));
 get("plan-fields").append(...inputs_of("plan", words.PLAN, tools));
 
 // --- tracks --------------------------------------------------------------------------------------------------------------
@@ -232,6 +242,11 @@ dropped({
     save_track(file);
   },
 });
+
+/** Return whether there is a unit to plan for; if not, show where to add it. */
+export function can_plan() {
+  return own.told?.rows.unit.length !== 0 || lacks("A plan needs at least one unit: add it under 7, then press again.", get("add-unit"));
+}
 
 /** Begin with a case that was just opened. */
 export const begin = guarded(async () => {

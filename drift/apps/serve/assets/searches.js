@@ -183,11 +183,32 @@ export function new_contact(kind, { name, at, start }) {
   return kind === "debris" ? { ...seen, of: "PIW-1" } : seen;
 }
 
+/** What a unit of a kind begins with; its sweep width depends on what is sought. @type {Record<string, Table>} */
+const OF_KIND = {
+  Boat: { search_speed: "14 kn", endurance: "4 h" },
+  Helicopter: { search_speed: "90 kn", endurance: "1.5 h" },
+  Aircraft: { search_speed: "150 kn", endurance: "3 h" },
+};
+
 /**
- * Return the table of a new unit.
- * @param {{name: string, at: string}} given
+ * Return the table of a new unit; its base is for the planner to give.
+ * @param {{name: string}} given
  * @returns {Table}
  */
-export function new_unit({ name, at }) {
-  return { name, kind: "Boat", base: at, search_speed: "14 kn", endurance: "4 h", sweep_width: "0.5 nmi", daylight: false };
+export function new_unit({ name }) {
+  return { name, kind: "Boat", ...OF_KIND.Boat, sweep_width: "0.5 nmi", daylight: false };
+}
+
+/**
+ * Return what a unit of another kind begins with, without what the planner has typed.
+ * @param {string} prefix unit and its number
+ * @param {unknown} kind
+ * @param {Values} values the unit as it is
+ * @returns {Change[]}
+ */
+export function of_kind(prefix, kind, values) {
+  /** @param {string} key */
+  const untouched = (key) => Object.values(OF_KIND).some((one) => one[key] === values[key]);
+  return Object.entries(OF_KIND[String(kind)] ?? {}).filter(([key]) => untouched(key))
+    .map(([key, value]) => ({ field: `${prefix}.${key}`, value: /** @type {Value} */ (value) }));
 }

@@ -1,6 +1,6 @@
 // A spill of many objects: the ship's track, classes, finds, patrols and teams, each a row of the case, and their places on the map.
 import { layer_of, shape } from "./drawn.js";
-import { opened, text } from "./editor.js";
+import { lacks, opened, text } from "./editor.js";
 import { dropped, saved } from "./files.js";
 import * as form from "./form.js";
 import { all, ask, button, focus_kindly, get, guarded } from "./kit.js";
@@ -91,6 +91,11 @@ const LISTS = {
   }, tools),
 };
 const TABLES = /** @type {SpillTable[]} */ (Object.keys(LISTS));
+
+/** Return whether there is a team to plan for; if not, show where to add it. */
+export function can_plan() {
+  return own.told?.rows.patrol_unit.length !== 0 || lacks("A plan needs at least one team: add it under 7, then press again.", get("add-team"));
+}
 
 // --- from the text to the rows -------------------------------------------------------------------------------------------
 /** Show the part of the page that the case needs; of a spill read its rows. */

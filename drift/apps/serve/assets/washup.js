@@ -62,7 +62,6 @@ export const open_washup = guarded(async (/** @type {string} */ run, /** @type {
     return make("li", {}, make("a", { href: file_of(run, key, name), target: "_blank", rel: "noopener noreferrer" }, words));
   }));
   tab("washup");
-  get("panel").scrollTop = 0;
 });
 const SHEETS = {
   "patrols.txt": "schedule of the patrols",

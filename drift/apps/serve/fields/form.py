@@ -349,7 +349,7 @@ def _shown(data: Any, field: str, start: Any) -> dict[str, Any]:
             ]
         elif not all(isinstance(one, str) for one in value):
             return {"in_text": True}
-    elif isinstance(value, bool) or not isinstance(value, str | int | float | None):
+    elif isinstance(value, bool) or not (value is None or nodes.plain(value)):
         return {"in_text": True}
     return {"value": value} if read is None else {"value": value, "read": read}
 

@@ -119,8 +119,10 @@ def read_source(many: Any, quantity: str) -> dict[str, Any] | None:
         isinstance(row, dict) and row.keys() == wanted for row in rows
     ):
         return None
-    plain = [{name: _plain(row[name]) for name in sorted(wanted)} for row in rows]
-    return {"kind": kind, **plain[0]} if kind == "constant" else {"kind": kind, "rows": plain}
+    shown = [{name: _plain(row[name]) for name in sorted(wanted)} for row in rows]
+    if not all(nodes.plain(value) for row in shown for value in row.values()):
+        return None
+    return {"kind": kind, **shown[0]} if kind == "constant" else {"kind": kind, "rows": shown}
 
 
 def _plain(value: Any) -> Any:

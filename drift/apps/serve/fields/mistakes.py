@@ -10,13 +10,36 @@ from geo.errors import UserError
 
 HEADER = re.compile(r"\s*\[(\[?)\s*([\w.\"' -]+?)\s*\]?\]\s*(#.*)?$")
 KEY = re.compile(r"\s*([\w.\"'-]+(?:\s*\.\s*[\w\"'-]+)*)\s*=")
-# what a message about a whole scenario asks for, and the field for it
-MISSING = {": object is missing": "object", "exactly one of position": "position.at"}
+# what a message about a whole scenario asks for, the field for it, and its words in the form
+MISSING = {
+    ": object is missing": ("object", "what is adrift is missing: choose it in the list"),
+    "exactly one of position": (
+        "position.at",
+        "the place is missing: type it, or press the button and click on the map",
+    ),
+}
+# what a message asks for that has fields of its own, the field, and its words in the form
+FORCING = {
+    "has no current: add": (
+        "current",
+        "the current is missing: choose how you know it, and type it",
+    ),
+    "with the wind and there is none": (
+        "wind",
+        "the wind is missing: choose how you know it, and type it",
+    ),
+}
+EMPTY = re.compile(r'"" is not a time;.*')
+NO_TIME = "the time is missing: type it like 211830ZNOV26, or like +6 h (after the start)"
+UNSET = ("is missing and has no default", "is missing: type it")
 LINE = re.compile(r"\(?at line (\d+), column \d+\)?")
 
 
 def message_of(line: str, text: str) -> dict[str, Any]:
-    """Return a mistake with the line of the text and the field of the form that it is about."""
+    """Return a mistake with the line of the text and the field of the form that it is about.
+
+    What is missing is put in the words of the form, which knows no tables and no TOML.
+    """
     if found := LINE.search(line):
         return {"message": line, "line": int(found[1]), "field": None}
     try:
@@ -37,13 +60,14 @@ def message_of(line: str, text: str) -> dict[str, Any]:
     places = {messages.where(place, data): k for place, k in _lines_of_places(text)}
     fields |= _fields_by_other_words(data)
     field = fields.get(_longest(line, fields))
-    return {
-        "message": line,
-        "line": places.get(_longest(line, places)),
-        "field": next(
-            (f"{field}.{own}" for words, own in MISSING.items() if field and words in line), field
-        ),
-    }
+    message = EMPTY.sub(NO_TIME, line).replace(*UNSET)
+    for words, (own, plain) in MISSING.items():
+        if field and words in line:
+            field, message = f"{field}.{own}", plain
+    for words, (own, plain) in FORCING.items():
+        if words in line:
+            field, message = own, plain
+    return {"message": message, "line": places.get(_longest(line, places)), "field": field}
 
 
 def _fields_by_other_words(data: Mapping[str, Any]) -> dict[str, str]:

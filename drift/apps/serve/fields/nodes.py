@@ -1,9 +1,19 @@
 """A form changes the text of a case (tomlkit) and its plain tables in the same way."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import tomlkit
+
+LARGEST = 2**63  # whole numbers of TOML are smaller
+
+
+def plain(value: Any) -> bool:
+    """Return whether a form can show a value: text, a flag, or a number that JSON can hold."""
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return isinstance(value, str) or (isinstance(value, int) and abs(value) < LARGEST)
 
 
 def put(table: Any, key: str | int, value: Any) -> None:

@@ -152,8 +152,7 @@ def read_rows(data: Mapping[str, Any]) -> dict[str, Any]:
     """
     rows = {
         table: [
-            _row(row, f"{table}.", keys)
-            for row in (rows_of(data, table) or [])[: _count(data, table)]
+            _row(rows_of(data, table)[k], f"{table}.", keys) for k in range(_count(data, table))
         ]
         for table, keys in TABLES.items()
     }
@@ -214,7 +213,7 @@ def _shown(name: str, value: Any) -> Any:
         return None
     if isinstance(value, datetime | date):
         return value.isoformat()
-    return value if isinstance(value, str | int | float | bool) else None
+    return value if nodes.plain(value) else None
 
 
 def _spelled(value: Any) -> str:

@@ -116,10 +116,10 @@ class Invalid(Exception):
 class FormRoutes:
     """Request handlers of the form, the sketch and the map."""
 
-    def __init__(self, folder: Path, allowed: fence.Fence, limits: Limits) -> None:
+    def __init__(self, folder: Path, allowed: fence.Fence, limits: Limits, users: int = 1) -> None:
         self.folder = folder
-        self.typing = Warm(folder, allowed, limits)
-        self.sketching = Warm(folder, allowed, limits)
+        self.typing = Warm(folder, allowed, limits, users)
+        self.sketching = Warm(folder, allowed, limits, users)
         self._warming: asyncio.Task[Any] | None = None
 
     def routes(self) -> list[Operation]:
@@ -164,7 +164,10 @@ class FormRoutes:
             not isinstance(changes, list)
             or not 1 <= len(changes) <= form.MOST_CHANGES
             or not all(
-                isinstance(one, dict) and one.keys() == {"field", "value"} for one in changes
+                isinstance(one, dict)
+                and one.keys() == {"field", "value"}
+                and isinstance(one["field"], str)
+                for one in changes
             )
         ):
             raise Invalid(f"give 1 to {form.MOST_CHANGES} changes, each with its field and value")
@@ -319,7 +322,12 @@ def text_of(body: dict[str, Any], wanted: set[str]) -> str:
 
 def is_number(value: object) -> bool:
     """Return whether a value is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond floating point
+        return False
 
 
 @lru_cache

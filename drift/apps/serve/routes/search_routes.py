@@ -223,6 +223,8 @@ async def save_track(folder: Path, body: dict[str, Any], endings: tuple[str, ...
         await asyncio.to_thread(shelf.save, folder, name, text, None)
     except shelf.Conflict:
         raise Invalid(f"{name} exists already; nothing was saved", 409) from None
+    except OSError as error:
+        raise Invalid(f"{name} cannot be saved: {error.strerror}", 500) from None
     return {"name": name}
 
 

@@ -48,7 +48,7 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
     page.get_by_role("button", name="New search").click()
     at = page.get_by_label("Position", exact=True)
     # what is missing stands beside its field
-    at.locator("xpath=../following-sibling::p[1]").get_by_text("exactly one of").wait_for(
+    at.locator("xpath=../following-sibling::p[1]").get_by_text("the place is missing").wait_for(
         timeout=PATIENCE
     )
 
@@ -126,7 +126,7 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
         page = checked.new_page()
         page.goto(f"http://{served.host}/?token={served.secret.token}")
         page.get_by_role("button", name="New search").click()
-        page.get_by_text("exactly one of").first.wait_for(timeout=PATIENCE)
+        page.get_by_text("the place is missing").first.wait_for(timeout=PATIENCE)
         violations = Axe().run(page).response["violations"]
     assert [(one["id"], [node["html"] for node in one["nodes"]][:3]) for one in violations] == []
     assert outside == []

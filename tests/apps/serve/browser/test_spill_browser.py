@@ -259,7 +259,7 @@ def test_a_ship_and_her_track(browser: Any, served: Server) -> None:
     desk.press("Where the ship was, with its times: one place a line: click on the map")
     click_at(desk, (5.6, 53.58))
     until(lambda: len(desk.tables()["spill"]["track"]) == 3, 60)
-    page.locator("p.beside", has_text="is not a time").wait_for(timeout=PATIENCE)
+    page.locator("p.beside", has_text="the time is missing").wait_for(timeout=PATIENCE)
     page.get_by_label("Adrift", exact=True).select_option("search")
     page.locator("p.beside", has_text="a ship's track cannot").wait_for(timeout=PATIENCE)
     assert "spill" in desk.tables()

@@ -63,7 +63,7 @@ declare global {
   interface Coast { features: { geometry: { coordinates: Point[][] } }[] }
   interface Areas { features: { properties: { time: string; level?: number; area_nmi2?: number }; geometry: { coordinates: Point[][][] } }[] }
   interface Shown {
-    areas: Areas; times?: string[]; opens?: string | null; likely?: (Point | null)[]; looks?: string[];
+    areas: Areas; start?: string; times?: string[]; opens?: string | null; likely?: (Point | null)[]; looks?: string[];
     particles?: { lon: number[][]; lat: number[][]; status: number[][] };
   }
   interface Probabilities { scenarios: { name: string; probability: number[] }[]; ashore: number[] }
