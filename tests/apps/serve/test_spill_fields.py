@@ -205,6 +205,7 @@ def test_what_cannot_turn(text: str, spill: bool, words: str) -> None:
         (GULF, "spill.class.0.number", [5, 3], "5 to 3 is no number of objects; write it like 120"),
         (GULF, "spill.class.0.number", "many", "no number of objects"),
         (GULF, "spill.class.0.share", 0.3, "there is no field"),
+        (GULF, "scenario.0.position.at", "29N 90W", "a spill has no scenario"),
         (GULF, "spill.class.7", {"name": "x"}, "there is no such spill.class"),
         (GULF, "spill.redraws", 2, "there is no field"),
         (GULF, "find.0.at", ["29N 90W"], "one line"),

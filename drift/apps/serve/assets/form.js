@@ -31,8 +31,8 @@ const FIELDS = all("[data-field]");
 /** @type {HTMLInputElement[]} */
 const KNOWN = all("[name=known]");
 
-/** @param {string} field */
-const numbered = (field) => field.replace("scenario.*", own.form?.spill ? "spill" : `scenario.${own.scenario}`);
+/** @param {string} field @param {number} [scenario] */
+const numbered = (field, scenario = own.scenario) => field.replace("scenario.*", own.form?.spill ? "spill" : `scenario.${scenario}`);
 /** Whether the open case is of a spill. */
 export const is_spill = () => Boolean(own.form?.spill);
 /** @param {HTMLElement} element */
@@ -265,21 +265,43 @@ function complain(messages) {
 // --- from the form to the text -------------------------------------------------------------------------------------------
 /**
  * Write a field into the text, and those that it needs.
- * @param {string} field
+ * @param {string} field as data-field names it: a change before it may yet turn a search into a spill
  * @param {FieldValue} value
  */
 function set(field, value) {
-  const changes = [{ field, value }];
+  const scenario = own.scenario;
+  return work_on_text(field, () => changed_text(needed(field, value, scenario)));
+}
+
+/**
+ * Return the change of a field, and of those that it needs.
+ * @param {string} field
+ * @param {FieldValue} value
+ * @param {number} scenario
+ */
+function needed(field, value, scenario) {
+  const changes = [{ field: numbered(field, scenario), value }];
   /** @param {string} other @param {string} first */
   const also = (other, first) => {
-    if (!own.form?.fields[numbered(other)]?.value) changes.push({ field: numbered(other), value: first });
+    const name = numbered(other, scenario);
+    if (!own.form?.fields[name]?.value) changes.push({ field: name, value: first });
   };
   if (field.endsWith("position.at")) also("scenario.*.position.error", "1 nmi");
   if (field.endsWith("trackline.waypoints") && value) {
     also("scenario.*.trackline.speed", "6 kn");
     also("scenario.*.trackline.cross_track", "1 nmi");
   }
-  return change(changes);
+  return changes;
+}
+
+/**
+ * Return the text with other fields.
+ * @param {Change[]} changes
+ */
+async function changed_text(changes) {
+  /** @type {{text: string}} */
+  const told = await ask("/api/form/set", { text: text.value, changes });
+  return told.text;
 }
 
 /**
@@ -287,11 +309,7 @@ function set(field, value) {
  * @param {Change[]} changes
  */
 export function change(changes) {
-  return work_on_text(changes[0].field, async () => {
-    /** @type {{text: string}} */
-    const told = await ask("/api/form/set", { text: text.value, changes });
-    return told.text;
-  });
+  return work_on_text(changes[0].field, () => changed_text(changes));
 }
 
 /**
@@ -307,7 +325,7 @@ export function work_on_text(field, work) {
       own.refused = false;
     } catch (error) {
       if (!(error instanceof Rejected) || ![400, 422].includes(error.status)) throw error;
-      complain([{ message: error.message, field, line: null }]);
+      complain([{ message: error.message, field: field && numbered(field), line: null }]);
       return;
     }
     await refresh();
@@ -336,7 +354,7 @@ for (const element of FIELDS) {
   element.addEventListener("change", () => {
     const words = element.value.trim();
     const value = has_lines(element) ? lines_of(words) : words;
-    set(name_of(element), words === "" ? null : value);
+    set(element.dataset.field ?? "", words === "" ? null : value);
   });
 }
 get("picker").addEventListener("change", () => {
@@ -391,12 +409,12 @@ export const spelled = (at) => position(at).replaceAll("-", " ");
 /** @param {Point} at where the user has clicked */
 function take(at) {
   if (own.picking === "position") {
-    set(numbered("scenario.*.position.at"), spelled(at));
+    set("scenario.*.position.at", spelled(at));
     pick("");
     return;
   }
-  const field = numbered(own.picking === "area" ? "scenario.*.area.polygon" : "scenario.*.trackline.waypoints");
-  const element = FIELDS.find((one) => name_of(one) === field);
+  const field = own.picking === "area" ? "scenario.*.area.polygon" : "scenario.*.trackline.waypoints";
+  const element = FIELDS.find((one) => one.dataset.field === field);
   if (!element) return;
   element.value = [...lines_of(element.value), spelled(at)].join("\n");
   set(field, element.value.split("\n"));
@@ -410,8 +428,8 @@ for (const one of all("[data-pick]")) {
   });
 }
 sea.dragging({
-  position: (at) => set(numbered("scenario.*.position.at"), spelled(at)),
-  error: (metres) => set(numbered("scenario.*.position.error"), `${Number((metres / NMI).toPrecision(2))} nmi`),
+  position: (at) => set("scenario.*.position.at", spelled(at)),
+  error: (metres) => set("scenario.*.position.error", `${Number((metres / NMI).toPrecision(2))} nmi`),
 });
 
 // --- the first map -------------------------------------------------------------------------------------------------------

@@ -209,6 +209,8 @@ def _change(document: Any, data: dict[str, Any], field: object, value: Any) -> N
         many = data.get("scenario", [])
         if not isinstance(many, list) or int(place[1]) > len(many):
             raise UserError(f"{field}: there is no such scenario")
+        if "spill" in data and not many:
+            raise UserError(f"{field}: a spill has no scenario; its place is that of [spill]")
     if place[0] in ("scenario", "spill") and _shown(data, field, None).get("in_text"):
         raise UserError(f"{field} is set in the text; change it there")
     for node in (document, data):
