@@ -160,3 +160,10 @@ def finished(place: Path, title: str = "a run", **files: str) -> None:
         (place / name).write_text(text, encoding="utf-8")
     listed = manifest.manifest_of("run", [place / name for name in held])
     (place / manifest.NAME).write_text(manifest.manifest_text(listed), encoding="utf-8")
+
+
+def check_strangers(served: Server, path: str, body: dict[str, Any]) -> None:
+    """Who has no cookie, comes from another page or names another host is turned away."""
+    for changes in ({"Cookie": None}, {"Origin": "http://evil.example"}, {"Host": "evil.example"}):
+        assert served.ask("POST", f"/api/{path}", body, **changes)[0] in (401, 403, 421)
+    assert served.ask("GET", f"/api/{path}")[0] == 405

@@ -231,3 +231,15 @@ def file_of_run(folder: Path, run: str, name: str) -> tuple[int, int]:
         raise FileNotFoundError
     handle = names.open_inside(folder, run, name)
     return handle, os.fstat(handle).st_size
+
+
+def content_of_run(folder: Path, run: str, name: str, largest: int) -> bytes:
+    """Return the bytes of a file that a run's manifest lists.
+
+    Raises OSError for any other file, and for one above `largest` [bytes].
+    """
+    handle, size = file_of_run(folder, run, name)
+    with open(handle, "rb") as file:
+        if size > largest:
+            raise OSError(errno.EFBIG, f"it has more than {largest // 2**20} MiB")
+        return file.read()

@@ -134,7 +134,7 @@ def test_a_locked_folder_holds_up_nobody_else(served: Server) -> None:
 
 
 def test_a_full_disk(served: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A track that cannot be saved is told as that, and nothing of it is left."""
+    """A track that cannot be saved gets its own message, and nothing of it is left."""
 
     def full(handle: int) -> None:
         raise OSError(28, "No space left on device")

@@ -27,7 +27,7 @@ def test_what_is_no_result_gets_a_line(tmp_path: Path) -> None:
 
 
 def test_what_stands_for_a_forecast_and_is_none(tmp_path: Path) -> None:
-    """A pipe, which nobody writes to, a link, a file that no manifest lists, and a deep summary."""
+    """A pipe that is never written to, a link, a file that no manifest lists, and a deep summary."""
     (tmp_path / "outside.nc").write_bytes(b"CDF")
     for name in ("pipe", "link", "deep"):
         finished(tmp_path / name, forecast_nc="x")

@@ -23,6 +23,7 @@ MAIL = "mail"
 FORMATS = (MAIL, *exporter.FORMATS)
 LARGEST = 20 * 10**6  # [bytes] of a file that the page offers
 LARGEST_MAIL = 10 * 10**6  # [bytes] that most mail servers take
+LARGEST_MAILED = 2**28  # [bytes] of a file before it is packed
 # files of a result that are mailed, the most important first
 MAILED = ("report.html", "map.png", "plan.txt", "plan.gpx", "plan.png", "patrols.txt")
 SHEETS = "plan-"  # sheets of units: plan-A-1.png
@@ -76,9 +77,8 @@ def _mailed(run: Finished) -> Iterator[tuple[str, bytes]]:
     sheets = sorted(name for name in run.names if name.startswith(SHEETS) and name[-4:] == ".png")
     for name in (*MAILED, *sheets):
         if name in run.names:
-            handle, _ = shelf.file_of_run(run.folder.parent, run.folder.name, name)
-            with open(handle, "rb") as file:
-                yield name, file.read()
+            folder = run.folder
+            yield name, shelf.content_of_run(folder.parent, folder.name, name, LARGEST_MAILED)
     yield from globe.kml_files(run).items()
     yield from gis.files(run).items()
 

@@ -160,12 +160,7 @@ def _read_plan(folder: str, run: str) -> Planned:
 
 
 def _content(folder: str, run: str, name: str) -> bytes:
-    """Return a file that the manifest of a result lists."""
-    handle, size = shelf.file_of_run(Path(folder), run, name)
-    with open(handle, "rb") as file:
-        if size > LARGEST:
-            raise OSError
-        return file.read()
+    return shelf.content_of_run(Path(folder), run, name, LARGEST)
 
 
 def _planned(

@@ -31,7 +31,7 @@ from drift.apps.serve.answers import (
 )
 from drift.apps.serve.fields import form, mistakes
 from drift.case import file as case_file
-from geo import notation, sphere
+from geo import sphere
 from geo.box import Box
 from geo.coast import gshhg, shore
 from geo.errors import UserError
@@ -159,14 +159,7 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     data, tracks = result.forecast.data, result.trajectories
     times = [f"{time.astype('datetime64[s]')}Z" for time in data["time"].values]
     areas = [
-        geojson.feature(
-            geojson.polygons(contour.polygon),
-            {
-                "time": f"{contour.time.astype('datetime64[s]')}Z",
-                "level": contour.share,
-                "area_nmi2": round(contour.area / notation.NMI**2, 3),
-            },
-        )
+        result_answers.feature_of_area(contour, f"{contour.time.astype('datetime64[s]')}Z")
         for contour in result.forecast.contours
     ]
     lon, lat = (sphere.to_degrees(one).round(4) for one in (tracks.lon, tracks.lat))

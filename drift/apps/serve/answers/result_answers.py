@@ -12,7 +12,7 @@ import xarray as xr
 from drift.apps.serve import names, shelf
 from drift.engine.particles.status import Status
 from drift.forecast import by_scenario
-from drift.forecast.build import Forecast
+from drift.forecast.build import Contour, Forecast
 from drift.forecast.products import dataset, headline
 from drift.products.files import geojson
 from geo import sphere
@@ -140,13 +140,22 @@ def _areas(data: xr.Dataset, wanted: str, times: list[str]) -> Iterator[dict[str
         own = next(
             one for one in by_scenario.forecasts_by_scenario(forecast, k) if one.name == wanted
         )
-        for contour in own.forecast.contours:
-            properties = {
-                "time": time,
-                "level": contour.share,
-                "area_nmi2": round(contour.area / NMI**2, 3),
-            }
-            yield geojson.feature(geojson.polygons(contour.polygon), properties)
+        yield from (feature_of_area(contour, time) for contour in own.forecast.contours)
+
+
+def feature_of_area(contour: Contour, time: str) -> dict[str, Any]:
+    """Return an area of a forecast as a GeoJSON feature.
+
+    Args:
+        contour: its outline.
+        time: of its output, as the page writes it.
+    """
+    properties = {
+        "time": time,
+        "level": contour.share,
+        "area_nmi2": round(contour.area / NMI**2, 3),
+    }
+    return geojson.feature(geojson.polygons(contour.polygon), properties)
 
 
 def value(request: Mapping[str, Any]) -> dict[str, Any]:
@@ -170,18 +179,13 @@ def value(request: Mapping[str, Any]) -> dict[str, Any]:
         held = float(data["containment"].isel(cell))
         mass = float(data["probability"].isel(cell))
         if request["scenario"] is not None:
-            listed = dataset.displayed_scenarios(data).names(
-                [str(name) for name in data["scenario"].values]
-            )
+            shown = dataset.displayed_scenarios(data)
+            listed = shown.names([str(name) for name in data["scenario"].values])
             if request["scenario"] not in listed:
                 raise UserError(f"{request['run']}: has no such scenario")
             which = listed.index(request["scenario"])
             mass = float(data["probability_by_scenario"].isel(cell)[which])
-            weight = float(
-                dataset.displayed_scenarios(data).sums(data["scenario_probability"].values[k])[
-                    which
-                ]
-            )
+            weight = float(shown.sums(data["scenario_probability"].values[k])[which])
             mass, held = (mass / weight if weight > 0 else 0.0), float("nan")
     return {"per_nmi2": mass / square, "within": held if np.isfinite(held) else None}
 
@@ -191,8 +195,16 @@ def _opened(request: Mapping[str, Any]) -> AbstractContextManager[xr.Dataset]:
 
 
 @contextmanager
-def opened_file(request: Mapping[str, Any], name: str) -> Iterator[xr.Dataset]:
-    """Yield a file of a result; raise UserError if it has none that can be read."""
+def opened_file(
+    request: Mapping[str, Any], name: str, what: str = "forecast"
+) -> Iterator[xr.Dataset]:
+    """Yield a file of a result; raise UserError if it has none that can be read.
+
+    Args:
+        request: `folder` and `run`.
+        name: of the file.
+        what: it holds, for the message.
+    """
     folder, run = Path(request["folder"]), request["run"]
     try:
         handle, _ = shelf.file_of_run(folder, run, name)
@@ -211,4 +223,4 @@ def opened_file(request: Mapping[str, Any], name: str) -> Iterator[xr.Dataset]:
     ) as error:
         if isinstance(error, UserError):
             raise
-        raise UserError(f"{run}: holds no forecast that the page can show") from None
+        raise UserError(f"{run}: holds no {what} that the page can show") from None

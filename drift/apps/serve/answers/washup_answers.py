@@ -18,6 +18,7 @@ import shapely
 import xarray as xr
 
 from drift.apps.serve import shelf
+from drift.apps.serve.answers import result_answers
 from drift.apps.serve.fields import form
 from drift.pipeline.result import Result
 from drift.products.maps import gazetteer
@@ -26,9 +27,8 @@ from drift.spills.worlds.products import headline, tables
 from geo import notation, sphere
 from geo.array import Array
 from geo.errors import UserError
-from geo.files import fence
 
-NAME = "washup.nc"
+NAME, SHOWN = "washup.nc", "stretches of coast"
 LARGEST = 2**26  # [bytes] of a file
 MOST_STRETCHES, MOST_TIMES = 300, 200
 COARSE = 2e-4  # [deg] detail of a stretch that is left out
@@ -42,15 +42,11 @@ def washup(request: Mapping[str, Any]) -> dict[str, Any]:
     Args:
         request: `folder` and `run`, the folder of the results.
     """
-    folder, run = Path(request["folder"]), request["run"]
+    run = request["run"]
     try:
-        handle, _ = shelf.file_of_run(folder, run, NAME)
-        with open(handle, "rb"):
-            path = folder / run / NAME
-            fence.check_open(handle, path)
-            with xr.open_dataset(path) as data:
-                lines = json.loads(_content(request, "washup.geojson"))["features"]
-                told = _washup(data.load(), lines)
+        with result_answers.opened_file(request, NAME, SHOWN) as data:
+            lines = json.loads(_content(request, "washup.geojson"))["features"]
+            told = _washup(data.load(), lines)
         summary = json.loads(_content(request, "summary.json"))
         plan = summary.get("patrol_plan")
         return {
@@ -67,9 +63,7 @@ def washup(request: Mapping[str, Any]) -> dict[str, Any]:
         raise
     except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
         words = "" if isinstance(error, OSError) else f" ({str(error)[:100]})"
-        raise UserError(
-            f"{run}: holds no stretches of coast that the page can show{words}"
-        ) from None
+        raise UserError(f"{run}: holds no {SHOWN} that the page can show{words}") from None
 
 
 def washup_of_sketch(result: Result) -> dict[str, Any] | None:
@@ -170,12 +164,7 @@ def _rounded(values: Array) -> list[Any]:
 
 
 def _content(request: Mapping[str, Any], name: str) -> bytes:
-    """Return a file that the manifest of a result lists."""
-    handle, size = shelf.file_of_run(Path(request["folder"]), request["run"], name)
-    with open(handle, "rb") as file:
-        if size > LARGEST:
-            raise OSError
-        return file.read()
+    return shelf.content_of_run(Path(request["folder"]), request["run"], name, LARGEST)
 
 
 def _rows(request: Mapping[str, Any], name: str) -> list[dict[str, str]]:

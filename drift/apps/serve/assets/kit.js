@@ -40,7 +40,7 @@ export function all(selector, inside = document) {
  * Put the cursor into an element, unless the user is typing elsewhere by now.
  * @param {HTMLElement | undefined} element
  */
-export function focus_kindly(element) {
+export function focus_unless_typing(element) {
   if (!document.activeElement?.matches("input, select, textarea")) element?.focus();
 }
 

@@ -3,7 +3,7 @@ import { layer_of, search_shapes, shape } from "./drawn.js";
 import { lacks, opened, tab, text } from "./editor.js";
 import { dropped, saved } from "./files.js";
 import * as form from "./form.js";
-import { all, ask, focus_kindly, get, guarded, make } from "./kit.js";
+import { all, ask, focus_unless_typing, get, guarded, make } from "./kit.js";
 import * as sea from "./map.js";
 import { fill_inputs, inputs_of, list_of } from "./rows.js";
 import * as words from "./searches.js";
@@ -191,7 +191,7 @@ async function add(table, row) {
   const k = own.told?.rows[table].length ?? 0;
   LISTS[table].open(k);
   await tools.set([{ field: `${table}.${k}`, value: row }]);
-  focus_kindly(all(`[data-own="${table}.${k}.name"]`)[0]);
+  focus_unless_typing(all(`[data-own="${table}.${k}.name"]`)[0]);
 }
 
 for (const [id, kinds] of /** @type {[string, Record<string, PatternSpec>][]} */ ([["new-sortie", words.PATTERNS], ["new-contact", words.CONTACTS]])) {

@@ -3,7 +3,7 @@ import { layer_of, shape } from "./drawn.js";
 import { lacks, opened, text } from "./editor.js";
 import { dropped, saved } from "./files.js";
 import * as form from "./form.js";
-import { all, ask, button, focus_kindly, get, guarded } from "./kit.js";
+import { all, ask, button, focus_unless_typing, get, guarded } from "./kit.js";
 import * as sea from "./map.js";
 import { chosen, fill_inputs, inputs_of, list_of, variants_of } from "./rows.js";
 import * as words from "./spills.js";
@@ -197,7 +197,7 @@ async function add(table, row, key) {
   const k = own.told?.rows[table].length ?? 0;
   LISTS[table].open(k);
   await tools.set([{ field: `${table}.${k}`, value: row }]);
-  focus_kindly(all(`[data-own="${table}.${k}.${key}"]`)[0]);
+  focus_unless_typing(all(`[data-own="${table}.${k}.${key}"]`)[0]);
 }
 
 /** @param {SpillTable} table @param {string} stem */

@@ -124,13 +124,6 @@ class FormRoutes:
 
     def routes(self) -> list[Operation]:
         """Return the routes."""
-
-        def post(path: str, handler: Any, takes: Schema, answers: Schema, reads: bool) -> Operation:
-            made = answered(handler)
-            return Operation(
-                "POST", f"/api/{path}", made, answers, takes=takes, reads=reads, mistakes=True
-            )
-
         typed = {"text": TEXT, "name": api.CASE}
         return [
             post("form", self.form, record(text=TEXT), FORM, True),
@@ -272,6 +265,19 @@ async def _silent(work: Awaitable[Any]) -> None:
         await work
     except (UserError, Overtaken):
         return
+
+
+def post(path: str, handler: Any, takes: Schema, answers: Schema, reads: bool) -> Operation:
+    """Return a route that takes and answers JSON.
+
+    Args:
+        path: below /api/.
+        handler: takes the body, and the user's name if it has a parameter `user`.
+        takes, answers: JSON Schema of body and answer.
+        reads: whether guests may use it.
+    """
+    made = answered(handler)
+    return Operation("POST", f"/api/{path}", made, answers, takes=takes, reads=reads, mistakes=True)
 
 
 def answered(handler: Any) -> Any:

@@ -17,9 +17,9 @@ from drift.apps.serve.routes.form_routes import (
     POINT,
     FormRoutes,
     Invalid,
-    answered,
     check_keys,
     is_number,
+    post,
     text_of,
 )
 
@@ -108,13 +108,6 @@ class SearchRoutes:
 
     def routes(self) -> list[Operation]:
         """Return the routes; guests may not save a track, nor have moves computed."""
-
-        def post(path: str, handler: Any, takes: Schema, answers: Schema, reads: bool) -> Operation:
-            made = answered(handler)
-            return Operation(
-                "POST", f"/api/{path}", made, answers, takes=takes, reads=reads, mistakes=True
-            )
-
         run: Schema = {"run": TEXT}
         moves = {"moves": {"type": "object", "additionalProperties": MOVE}}
         kept = record(**run, **moves, area=TEXT, text=TEXT)

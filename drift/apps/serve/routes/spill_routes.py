@@ -13,8 +13,8 @@ from drift.apps.serve.routes.form_routes import (
     WASHUP,
     FormRoutes,
     Invalid,
-    answered,
     check_keys,
+    post,
     text_of,
 )
 from drift.apps.serve.routes.search_routes import ROWS, run_of, save_track
@@ -51,13 +51,6 @@ class SpillRoutes:
 
     def routes(self) -> list[Operation]:
         """Return the routes; guests may not save a track."""
-
-        def post(path: str, handler: Any, takes: Schema, answers: Schema, reads: bool) -> Operation:
-            made = answered(handler)
-            return Operation(
-                "POST", f"/api/{path}", made, answers, takes=takes, reads=reads, mistakes=True
-            )
-
         turned = record(text=TEXT, spill=FLAG)
         track = record(name=TEXT, text=TEXT)
         kept = record(run=TEXT, patrol=TEXT, text=TEXT)

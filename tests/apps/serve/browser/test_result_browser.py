@@ -11,32 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from desk_cases import kayak, swimmer
 from desks import Server, on_map, until
 
 pytestmark = pytest.mark.browser
 
 PATIENCE = 180_000  # [ms] on a busy machine
 SIZE = {"width": 1400, "height": 950}
-CASE = """\
-title = "Kayak or swimmer"
-start = "281130ZNOV26"
-duration = "8 h"
-particles = 3000
-output.every = "2 h"
-wind = [{ name = "on scene", constant = { speed = "12 kn", from = 235 } }]
-current = [{ name = "on scene", constant = { speed = "0.5 kn", toward = 75 } }]
-
-[[scenario]]
-name = "kayak"
-object = "PERSON-POWERED-VESSEL-1"
-position = { at = "49 55.0N 005 40.0W", error = "1 nmi" }
-
-[[scenario]]
-name = "swimmer"
-object = "PIW-1"
-weight = 0.5
-position = { at = "49 50.0N 005 48.0W", error = "0.7 nmi" }
-"""
+CASE = kayak("Kayak or swimmer", particles=3000, duration="8 h", every="2 h") + swimmer(
+    "49 50.0N 005 48.0W", "0.7 nmi"
+)
 GPX = '<gpx version="1.1"><trk><trkseg><trkpt lat="49.93" lon="-5.62"><time>2026-11-28T14:40:00Z</time></trkpt><trkpt lat="49.93" lon="-5.52"><time>2026-11-28T15:00:00Z</time></trkpt></trkseg></trk></gpx>'
 DROP = """([name, text]) => {
   const data = new DataTransfer();

@@ -2,7 +2,7 @@
 
     DRIFT_SCREENS=1 pytest -m browser tests/apps/serve/browser/test_screens_browser.py
 
-writes the pictures anew into docs/screens. Without it nothing is written: the test holds that each
+writes the pictures into docs/screens again. Without it nothing is written: the test holds that each
 screen can still be reached, and that docs/serve.md has a picture of each, which is small.
 """
 
@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from desk_cases import kayak, swimmer
 from desks import Server
 from PIL import Image
 
@@ -27,38 +28,14 @@ SIZES = {"desktop": {"width": 1280, "height": 800}, "phone": {"width": 390, "hei
 COLOURS = 128  # of a picture
 SCREENS = ("cases", "form", "first-map", "result", "search", "plan", "text", "phone")
 
-CASE = """\
-title = "Kayak or raft overdue"
-start = "281130ZNOV26"
-duration = "16 h"
-particles = 30_000
-output.every = "2 h"
-
-[[wind]]
-name = "on scene"
-constant = { speed = "12 kn", from = 235 }
-
-[[current]]
-name = "on scene"
-constant = { speed = "0.5 kn", toward = 75 }
-
-[[scenario]]
-name = "kayak"
-object = "PERSON-POWERED-VESSEL-1"
-position = { at = "49 55.0N 005 40.0W", error = "1 nmi" }
-
-[[scenario]]
-name = "swimmer"
-object = "PIW-1"
-weight = 0.5
-position = { at = "49 56.0N 005 36.0W", error = "1.5 nmi" }
-
+CASE = f"""{kayak("Kayak or raft overdue", particles=30_000, duration="16 h", every="2 h")}
+{swimmer("49 56.0N 005 36.0W", "1.5 nmi")}
 [[sortie]]
 name = "lifeboat"
 start = "+4 h"
 speed = "14 kn"
 sweep_width = "0.4 nmi"
-pattern = { kind = "parallel", centre = "49 57N 005 30W", length = "6 nmi", width = "3 nmi", orientation = 75, spacing = "0.5 nmi" }
+pattern = {{ kind = "parallel", centre = "49 57N 005 30W", length = "6 nmi", width = "3 nmi", orientation = 75, spacing = "0.5 nmi" }}
 
 [[unit]]
 name = "helicopter"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from desk_cases import kayak
 from desk_pages import PATIENCE, SIZES, Page
 from desks import Server, until
 
@@ -34,26 +35,7 @@ def served(tmp_path: Path) -> Iterator[Server]:
         yield one
 
 
-CALL = """\
-title = "Kayak overdue"
-start = "281130ZNOV26"
-duration = "16 h"
-particles = 2000
-output.every = "4 h"
-
-[[wind]]
-name = "on scene"
-constant = { speed = "12 kn", from = 235 }
-
-[[current]]
-name = "on scene"
-constant = { speed = "0.5 kn", toward = 75 }
-
-[[scenario]]
-name = "kayak"
-object = "PERSON-POWERED-VESSEL-1"
-position = { at = "49 55.0N 005 40.0W", error = "1 nmi" }
-"""
+CALL = kayak("Kayak overdue", particles=2000, duration="16 h", every="4 h")
 
 
 @pytest.mark.parametrize("size", SIZES)
