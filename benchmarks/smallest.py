@@ -6,9 +6,11 @@ with one line: see `lack`. tests/benchmarks/test_smallest.py runs all of them so
 """
 
 import argparse
+import datetime
 import json
 import os
 import platform
+import subprocess
 import sys
 from importlib import util
 from pathlib import Path
@@ -41,10 +43,25 @@ def parse(
 
 
 def save(given: argparse.Namespace, measured: dict[str, Any]) -> None:
-    """Write figures, and what machine they are from, where --json asks for it."""
-    if given.json:
-        held = {"machine": _processor(), "cores": os.cpu_count(), **measured}
-        given.json.write_text(json.dumps(held, indent=1) + "\n", encoding="utf-8")
+    """Add figures to the runs in the file of --json, with the day, the commit and the machine."""
+    if not given.json:
+        return
+    earlier = json.loads(given.json.read_text(encoding="utf-8")) if given.json.is_file() else []
+    about = {
+        "day": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "commit": _commit(),
+        "machine": _processor(),
+        "cores": os.cpu_count(),
+    }
+    text = json.dumps([*earlier, {**about, **measured}], indent=1)
+    given.json.write_text(text + "\n", encoding="utf-8")
+
+
+def _commit() -> str:
+    """Return the commit that is measured, with a + where files differ from it."""
+    words = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
+    told = subprocess.run(words, cwd=CASE.parent, capture_output=True, text=True, check=False)
+    return told.stdout.strip() or "no checkout"
 
 
 def _processor() -> str:

@@ -242,12 +242,14 @@ def pictures_laid_out(request: pytest.FixtureRequest) -> Iterator[Callable[..., 
 
     All of our code runs. To paint, which Matplotlib does, is half of the time of a small run that
     writes files. A module looks at pictures where it names some, or compares all files of runs. One
-    that only names them says PAINTS = False; a test of it that looks at some asks for `painted`.
+    that only names them, or lies in another folder and looks at none, says PAINTS = False; a test
+    of it that looks at some asks for `painted`.
     """
     folder = request.path.parent.relative_to(TESTS)
     source = request.path.read_text(encoding="utf-8")
-    paints = getattr(request.module, "PAINTS", ".png" in source or "same_files" in source)
-    if paints or not any(folder.is_relative_to(one) for one in LAID_OUT):
+    looks = ".png" in source or "same_files" in source
+    elsewhere = not any(folder.is_relative_to(one) for one in LAID_OUT)
+    if getattr(request.module, "PAINTS", looks or elsewhere):
         yield None
         return
     with _laid_out() as paint:

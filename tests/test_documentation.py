@@ -271,8 +271,24 @@ def test_every_figure_names_a_command(page: str) -> None:
 def test_the_speeds_are_those_that_the_benchmarks_wrote() -> None:
     """To mend it: python docs/generate/figures.py."""
     assert figures.page() == figures.PAGE.read_text(encoding="utf-8")
+    assert figures.history() == figures.HISTORY.read_text(encoding="utf-8")
     held = {path.stem for path in (ROOT / "benchmarks" / "figures").iterdir()}
-    assert held == set(figures.FILES)
+    assert held == set(figures.ROWS)
+
+
+def test_a_worse_run_is_marked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A figure a fifth worse than in the run before: more seconds, or fewer forecasts a second."""
+    earlier = figures.runs("many")[-1]
+    kinds = earlier["forecasts"].items()
+    slower = {
+        name: {**kind, "a_second": kind["a_second"] / 1.2, "processor_ms": kind["processor_ms"]}
+        for name, kind in kinds
+    }
+    monkeypatch.setattr(figures, "runs", lambda name: [earlier, {**earlier, "forecasts": slower}])
+    monkeypatch.setattr(figures, "ROWS", {"many": figures.ROWS["many"]})
+    first, second = figures.history().splitlines()[-2:]
+    assert first.count("**") == 0
+    assert [cell.count("**") for cell in second.split("|")[4:-1]] == [2, 2, 2, 0, 0, 0]
 
 
 def test_the_readme_is_short() -> None:

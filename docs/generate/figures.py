@@ -1,36 +1,195 @@
-"""The table of speeds in docs/performance.md, from the files in benchmarks/figures.
+"""The table of speeds in docs/performance.md and the history of them in docs/history.md, from the
+files in benchmarks/figures.
 
     python docs/generate/figures.py
 
-Each file there is what a benchmark wrote with `--json`. After a new one run this: it writes the
-table between the marks in the page. A test holds the two equal.
+Each file there holds the runs of one benchmark, the newest last, as it writes them with `--json`.
+After a new one run this: it writes the table between the marks in the first page, and the second
+page. A test holds both equal to the files.
 """
 
 import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "benchmarks" / "figures"
 PAGE = ROOT / "docs" / "performance.md"
-FILES = ("throughput", "sweep_cost", "cold_start", "plan_time", "many")
+HISTORY = ROOT / "docs" / "history.md"
 BEGIN, END = "<!-- figures: begin -->\n", "<!-- figures: end -->\n"
+WORSE = 1.15  # a figure that is marked, relative to that of the run before: timings scatter by 10 %
+
+Run = dict[str, Any]
+INTRODUCTION = f"""# Performance over time
+
+Each table holds the runs of one benchmark, the newest last. A figure in bold is at least {WORSE - 1:.0%} worse than that of the run before. Compare runs of one machine
+only: where others shared it, all its figures are worse. A `+` after a commit: files differed from it.
+
+To add a run: `python benchmarks/throughput.py --json benchmarks/figures/throughput.json`, and so on, then `python docs/generate/figures.py`.
+"""
 
 
-def measured(name: str) -> dict[str, Any]:
-    """Return what a benchmark wrote."""
-    text = (ROOT / "benchmarks" / "figures" / f"{name}.json").read_text(encoding="utf-8")
-    held: dict[str, Any] = json.loads(text)
+class Figure(NamedTuple):
+    """A number of a benchmark.
+
+    Attributes:
+        label: what it is, in the table of its history.
+        of: its value in a run.
+        pattern: its format.
+        greater_is_better: rates; seconds and bytes are better where they are less.
+    """
+
+    label: str
+    of: Callable[[Run], float]
+    pattern: str = ".0f"
+    greater_is_better: bool = False
+
+
+class Row(NamedTuple):
+    """A line of the table of speeds: what is measured, its figures put into words, the options."""
+
+    what: str
+    words: str
+    figures: tuple[Figure, ...]
+    options: str = ""
+
+
+def _ns(case: str) -> Callable[[Run], float]:
+    """Return what reads the nanoseconds a particle and step of one kind of step."""
+
+    def of(run: Run) -> float:
+        rows = run["ns_per_particle_step"]
+        return next(float(row["1e+06"]) for row in rows if row["case"].strip() == case)
+
+    return of
+
+
+def _bare(run: Run) -> float:
+    return float(min(run["limit"]))
+
+
+def _forecasts(name: str, key: str) -> Callable[[Run], float]:
+    """Return what reads a number of one kind of forecasts."""
+    return lambda run: float(run["forecasts"][name][key])
+
+
+_plain = _ns("RK4 current, wind, leeway (the yardstick's work)")
+_full = _ns("+ both, coast (open sea)")
+SEA, SEA_MAP = "open sea, no coast: run_many, no map", "open sea, no coast: run_many, one map"
+COAST_MAP = "Norwegian coast: run_many, one map"
+YARDSTICKS = " --yardsticks FOLDER"
+ROWS: dict[str, tuple[Row, ...]] = {
+    "throughput": (
+        Row(
+            "a particle and step: RK4 through current and wind, with leeway",
+            "{} ns",
+            (Figure("step [ns]", _plain),),
+            YARDSTICKS,
+        ),
+        Row(
+            "the same with errors, diffusion and the coast",
+            "{} ns",
+            (Figure("with errors and coast [ns]", _full),),
+            YARDSTICKS,
+        ),
+        Row(
+            "a bare C kernel that does the work of the first row, in the same run",
+            "{} ns",
+            (Figure("C kernel [ns]", _bare),),
+            YARDSTICKS,
+        ),
+        Row(
+            "the first two rows relative to that C kernel",
+            "{} and {}",
+            (
+                Figure("step by C", lambda run: _plain(run) / _bare(run), ".2f"),
+                Figure("with errors by C", lambda run: _full(run) / _bare(run), ".2f"),
+            ),
+            YARDSTICKS,
+        ),
+        Row(
+            "memory of a particle on the device",
+            "{} bytes",
+            (Figure("bytes a particle", lambda run: run["bytes_per_particle"]),),
+            YARDSTICKS,
+        ),
+    ),
+    "sweep_cost": (
+        Row(
+            "a sortie, by particle and leg",
+            "{} ns",
+            (
+                Figure(
+                    "a particle and leg [ns]",
+                    lambda run: run["ns_per_particle_and_leg"]["inverse cube"],
+                    ".1f",
+                ),
+            ),
+        ),
+    ),
+    "cold_start": (
+        Row(
+            "the default case with its six sorties, all files",
+            "{} s",
+            (Figure("full caches [s]", lambda run: run["full_caches"]["whole"]),),
+        ),
+        Row(
+            "the same on its very first run, with empty caches",
+            "{} s",
+            (Figure("empty caches [s]", lambda run: run["empty_caches"]["whole"]),),
+        ),
+    ),
+    "plan_time": (
+        Row(
+            "a plan for four units, 12 h and 1,000,000 particles",
+            "{} s, of which {} s are planning",
+            (
+                Figure("in all [s]", lambda run: run["wall_s"]),
+                Figure("planning [s]", lambda run: run["phases_s"]["plan"]),
+            ),
+        ),
+    ),
+    "many": (
+        Row(
+            "forecasts a second of 4,000 particles over 24 h by `drift.run_many`",
+            "{} without maps; {} with a map in the open sea; {} with a map along the Norwegian coast",
+            (
+                Figure("a second", _forecasts(SEA, "a_second"), greater_is_better=True),
+                Figure("with a map", _forecasts(SEA_MAP, "a_second"), greater_is_better=True),
+                Figure("at a coast", _forecasts(COAST_MAP, "a_second"), greater_is_better=True),
+            ),
+        ),
+        Row(
+            "processor time of one of these forecasts, on all cores together",
+            "{}, {} and {} ms",
+            (
+                Figure("processor [ms]", _forecasts(SEA, "processor_ms")),
+                Figure("with a map [ms]", _forecasts(SEA_MAP, "processor_ms")),
+                Figure("at a coast [ms]", _forecasts(COAST_MAP, "processor_ms")),
+            ),
+        ),
+    ),
+}
+
+
+def runs(name: str) -> list[Run]:
+    """Return the runs of a benchmark, the newest last."""
+    held: list[Run] = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
     return held
 
 
 def table() -> str:
-    """Return the table in Markdown, with the machines above it."""
-    parts = [*_steps(), *_runs(), *_forecasts()]
-    machines = {
-        f"{held['cores']} cores of {held['machine']}" for held in map(measured, sorted(FILES))
-    }
-    head = f"On {' and '.join(sorted(machines))}:\n\n| what | measured | command |\n|---|---|---|\n"
-    return head + "".join(f"| {' | '.join(row)} |\n" for row in parts)
+    """Return the table of the newest runs in Markdown, with the machines above it."""
+    newest = {name: runs(name)[-1] for name in ROWS}
+    machines = sorted({f"{run['cores']} cores of {run['machine']}" for run in newest.values()})
+    lines = [f"On {' and '.join(machines)}:", "", *_line("what", "measured", "command"), *_rule(3)]
+    for name, rows in ROWS.items():
+        for row in rows:
+            shown = [f"{figure.of(newest[name]):{figure.pattern}}" for figure in row.figures]
+            told = row.words.format(*shown)
+            lines += _line(row.what, told, f"`python benchmarks/{name}.py{row.options}`")
+    return "\n".join(lines) + "\n"
 
 
 def page() -> str:
@@ -39,89 +198,46 @@ def page() -> str:
     return before + BEGIN + table() + END + rest.partition(END)[2]
 
 
-def _steps() -> list[tuple[str, str, str]]:
-    """Return the rows on a step of particles."""
-    command = "`python benchmarks/throughput.py --yardsticks FOLDER`"
-    held = measured("throughput")
-    ns = {row["case"].strip(): row["1e+06"] for row in held["ns_per_particle_step"]}
-    plain = ns["RK4 current, wind, leeway (the yardstick's work)"]
-    full = ns["+ both, coast (open sea)"]
-    bare = min(held["limit"])
-    sweep = measured("sweep_cost")["ns_per_particle_and_leg"]
-    return [
-        (
-            "a particle and step: RK4 through current and wind, with leeway",
-            f"{plain:.0f} ns",
-            command,
-        ),
-        ("the same with errors, diffusion and the coast", f"{full:.0f} ns", command),
-        (
-            "a bare C kernel that does the work of the first row, in the same run",
-            f"{bare:.0f} ns",
-            command,
-        ),
-        (
-            "the first two rows relative to that C kernel",
-            f"{plain / bare:.2f} and {full / bare:.2f}",
-            command,
-        ),
-        (
-            "memory of a particle on the device",
-            f"{held['bytes_per_particle']} bytes",
-            command,
-        ),
-        (
-            "a sortie, by particle and leg",
-            f"{sweep['inverse cube']:.1f} ns",
-            "`python benchmarks/sweep_cost.py`",
-        ),
-    ]
+def history() -> str:
+    """Return docs/history.md: a table of all runs for each benchmark."""
+    lines = []
+    for name, rows in ROWS.items():
+        figures = [figure for row in rows for figure in row.figures]
+        lines += ["", f"## {name}", ""]
+        lines += _line("day", "commit", "machine", *(figure.label for figure in figures))
+        lines += _rule(3 + len(figures))
+        lines += _history_of(name, figures)
+    return INTRODUCTION + "\n".join(lines) + "\n"
 
 
-def _runs() -> list[tuple[str, str, str]]:
-    """Return the rows on whole runs."""
-    held, plan = measured("cold_start"), measured("plan_time")
-    warm, cold = (held[name]["whole"] for name in ("full_caches", "empty_caches"))
-    planning = plan["phases_s"]["plan"]
-    cold_start = "`python benchmarks/cold_start.py`"
-    return [
-        ("the default case with its six sorties, all files", f"{warm:.0f} s", cold_start),
-        ("the same on its very first run, with empty caches", f"{cold:.0f} s", cold_start),
-        (
-            f"a plan for four units, 12 h and {plan['particles']:,} particles",
-            f"{plan['wall_s']:.0f} s, of which {planning:.0f} s are planning",
-            "`python benchmarks/plan_time.py`",
-        ),
-    ]
+def _history_of(name: str, figures: list[Figure]) -> Iterator[str]:
+    """Yield the lines of a benchmark's runs."""
+    earlier: Run | None = None
+    for run in runs(name):
+        cells = []
+        for figure in figures:
+            told = f"{figure.of(run):{figure.pattern}}"
+            cells.append(f"**{told}**" if earlier and _is_worse(figure, earlier, run) else told)
+        machine = f"{run['cores']} cores of {run['machine']}"
+        yield from _line(run["day"], run["commit"], machine, *cells)
+        earlier = run
 
 
-def _forecasts() -> list[tuple[str, str, str]]:
-    """Return the rows on many small forecasts."""
-    held = measured("many")
-    kinds = [
-        held["forecasts"][name]
-        for name in (
-            "open sea, no coast: run_many, no map",
-            "open sea, no coast: run_many, one map",
-            "Norwegian coast: run_many, one map",
-        )
-    ]
-    speeds = [f"{kind['a_second']:.0f}" for kind in kinds]
-    costs = [f"{kind['processor_ms']:.0f}" for kind in kinds]
-    command = "`python benchmarks/many.py`"
-    return [
-        (
-            f"forecasts a second of {held['particles']:,} particles over 24 h by `drift.run_many`",
-            f"{speeds[0]} without maps; {speeds[1]} with a map in the open sea; {speeds[2]} with a map along the Norwegian coast",
-            command,
-        ),
-        (
-            "processor time of one of these forecasts, on all cores together",
-            f"{costs[0]}, {costs[1]} and {costs[2]} ms",
-            command,
-        ),
-    ]
+def _is_worse(figure: Figure, earlier: Run, run: Run) -> bool:
+    """Whether a run's figure is clearly worse than that of the run before it."""
+    before, now = figure.of(earlier), figure.of(run)
+    ratio = before / now if figure.greater_is_better else now / before
+    return ratio >= WORSE
+
+
+def _line(*cells: str) -> list[str]:
+    return [f"| {' | '.join(cells)} |"]
+
+
+def _rule(columns: int) -> list[str]:
+    return ["|" + "---|" * columns]
 
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
+    HISTORY.write_text(history(), encoding="utf-8")
