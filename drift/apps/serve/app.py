@@ -54,6 +54,7 @@ SEARCH = ("drawn", "plan", "results", "rows", "search", "searches")
 SPILL = ("spill", "spills", "washup")
 ASSETS = {
     "desk.css": ("drift.apps.serve", "text/css"),
+    "objects.svg": ("drift.apps.serve", "image/svg+xml"),
     **{f"{name}.js": ("drift.apps.serve", "text/javascript") for name in (*PAGE, *SEARCH, *SPILL)},
     # the look and the map of report.html
     **dict.fromkeys(("ol.css", "page.css"), ("drift.products.report", "text/css")),

@@ -1,6 +1,6 @@
 // The form: fields in step with the text of the case, which stays the truth, and the first map.
 import { complaint, opened, text, write } from "./editor.js";
-import { all, ask, get, guarded, make, Rejected } from "./kit.js";
+import { all, ask, button, get, guarded, make, picture, Rejected } from "./kit.js";
 import * as sea from "./map.js";
 import * as sources from "./sources.js";
 
@@ -10,6 +10,7 @@ const own = {
   turn: /** @type {Promise<unknown>} */ (Promise.resolve()),
   refused: false, // whether the last change could not be written into the text
   scenario: 0,
+  pictured: "", // the kind of objects that is listed; "": all
   picking: "",
   asked: 0,
   fits: /** @type {string | null} */ (""), // the case that the map has gone to
@@ -57,7 +58,8 @@ function list_objects() {
   const words = get("wanted").value.toLowerCase().split(/\s+/).filter(Boolean);
   const chosen = get("object").dataset.value ?? "";
   /** @param {DriftObject} one */
-  const fits = (one) => words.every((word) => [one.name, one.description, ...one.words].some((part) => part.toLowerCase().includes(word)));
+  const fits = (one) => (!own.pictured || one.picture === own.pictured) && words.every((word) => [one.name, one.description, ...one.words].some((part) => part.toLowerCase().includes(word)));
+  if (own.pictured && !objects.some(fits)) choose_picture(""); // the words are of another kind
   const found = objects.filter(fits);
   const listed = found.some((one) => one.name === chosen) || !chosen ? found : [...objects.filter((one) => one.name === chosen), ...found];
   get("object").replaceChildren(...listed.map((one) => {
@@ -67,7 +69,25 @@ function list_objects() {
   get("object").value = chosen;
   show_chosen();
   const now = objects.find((one) => one.name.toLowerCase() === chosen.toLowerCase());
-  get("chosen").textContent = now ? `${now.name}: ${now.description}` : chosen;
+  get("chosen").replaceChildren(...(now ? [picture(now.picture), ` ${now.name}: ${now.description}`] : [chosen]));
+}
+
+/** @param {string} name of the kind of objects to list; "": all */
+function choose_picture(name) {
+  own.pictured = name;
+  for (const one of all("#pictures button")) one.setAttribute("aria-pressed", String(one.dataset.picture === name));
+}
+
+/** @param {{name: string, words: string}[]} pictures each a kind of objects, which its button lists alone */
+function offer_pictures(pictures) {
+  get("pictures").replaceChildren(...pictures.map(({ name, words }) => {
+    const made = button(words, () => {
+      choose_picture(own.pictured === name ? "" : name);
+      list_objects();
+    }, { "data-picture": name, "aria-pressed": "false" });
+    made.prepend(picture(name));
+    return made;
+  }));
 }
 /** Scroll the list of objects, and nothing else, to the one that is chosen. */
 function show_chosen() {
@@ -495,6 +515,7 @@ export const begin = guarded(async () => {
   Object.assign(own, { scenario: 0, fits: "", form: null, refused: false, sketched: "", sketching: null, more: [] });
   own.draft.clear();
   get("wanted").value = "";
+  choose_picture("");
   for (const what of sources.SOURCES) sources.rows(what, null);
   show_known("position");
   pick("");
@@ -513,8 +534,9 @@ for (const one of all("[data-tab]")) {
 }
 
 guarded(async () => {
-  /** @type {{objects: DriftObject[]}} */
+  /** @type {{objects: DriftObject[], pictures: {name: string, words: string}[]}} */
   const told = await ask("/api/objects");
   objects = told.objects;
+  offer_pictures(told.pictures);
   list_objects();
 })();

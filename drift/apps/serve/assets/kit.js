@@ -74,6 +74,19 @@ export function button(words, work, attributes = {}) {
 }
 
 /**
+ * Make a picture of what can be adrift. Words stand beside it, so screen readers pass over it.
+ * @param {string} name of a symbol of objects.svg
+ */
+export function picture(name) {
+  const [made, symbol] = ["svg", "use"].map((kind) => document.createElementNS("http://www.w3.org/2000/svg", kind));
+  symbol.setAttribute("href", `/assets/objects.svg#${name}`);
+  made.setAttribute("class", "picture");
+  made.setAttribute("aria-hidden", "true");
+  made.append(symbol);
+  return made;
+}
+
+/**
  * Ask the server: with a body by POST, without one by GET.
  * @template Answer
  * @param {string} path

@@ -19,7 +19,7 @@ from starlette.responses import JSONResponse, Response
 
 from drift.apps.serve import api, names, shelf
 from drift.apps.serve.api import FLAG, NUMBER, TEXT, Operation, Schema, many, or_null, record
-from drift.apps.serve.fields import form
+from drift.apps.serve.fields import form, object_pictures
 from drift.apps.serve.jobs import Limits
 from drift.apps.serve.warm import Overtaken, Warm
 from drift.engine.motion.objects import everyday, leeway
@@ -102,7 +102,8 @@ SKETCH = record(
 )
 SOURCE = record(quantity=TEXT, box=BOX, times=many(TEXT))
 FORCING_ANSWER = record(("files", "sources"), files=many(TEXT), sources=many(SOURCE))
-OBJECT_ADRIFT = record(name=TEXT, description=TEXT, level=api.COUNT, words=many(TEXT))
+OBJECT_ADRIFT = record(name=TEXT, description=TEXT, level=api.COUNT, words=many(TEXT), picture=TEXT)
+OBJECTS = record(objects=many(OBJECT_ADRIFT), pictures=many(record(name=TEXT, words=TEXT)))
 
 
 class Invalid(Exception):
@@ -135,7 +136,7 @@ class FormRoutes:
             post("coast", self.coast, record(box=BOX, step=NUMBER), GEOJSON, True),
             post("forcing", self.forcing, record(file=or_null(TEXT)), FORCING_ANSWER, True),
             post("note", self.note, record(run=TEXT), record(text=TEXT), True),
-            Operation("GET", "/api/objects", self.objects, record(objects=many(OBJECT_ADRIFT))),
+            Operation("GET", "/api/objects", self.objects, OBJECTS),
         ]
 
     async def close(self) -> None:
@@ -226,8 +227,11 @@ class FormRoutes:
         return await self.sketching.ask("forcing", path=str(self.folder / name))
 
     async def objects(self, request: Request) -> Response:
-        """Return the objects that can be adrift, with everyday words for them."""
-        return JSONResponse({"objects": _objects()})
+        """Return the objects that can be adrift, with everyday words and pictures for them."""
+        pictures = [
+            {"name": name, "words": words} for name, (words, _) in object_pictures.PICTURES.items()
+        ]
+        return JSONResponse({"objects": _objects(), "pictures": pictures})
 
     async def files_ending(self, endings: tuple[str, ...]) -> list[str]:
         """Return the names of the files of the folder that end so."""
@@ -355,7 +359,7 @@ def _objects() -> list[dict[str, Any]]:
         for one in leeway.classes().values()
     ]
     water = leeway.WATER
-    return [
-        *listed,
-        {"name": water.name, "description": water.description, "level": 0, "words": ["water"]},
-    ]
+    listed.append(
+        {"name": water.name, "description": water.description, "level": 0, "words": ["water"]}
+    )
+    return [one | {"picture": object_pictures.picture_of_class(str(one["name"]))} for one in listed]

@@ -104,6 +104,30 @@ def test_a_plan_without_units_shows_where_to_add_one(page: Any, served: Server) 
     assert page.get_by_label("Endurance on scene").input_value() == "2 h 30 min"  # it was typed
 
 
+def test_a_picture_lists_the_objects_of_its_kind(page: Any) -> None:
+    """It is drawn in the colour of the text, and screen readers hear its words once."""
+    listed = page.locator("#object option")
+    every = listed.count()
+    kayak = page.locator("#chosen svg")
+    assert kayak.locator("use").get_attribute("href") == "/assets/objects.svg#kayak"
+    until(lambda: kayak.locator("use").evaluate("one => one.getBBox().width") > 30, 30)
+    boats = page.get_by_role("button", name="Sailing boat", exact=True)
+    boats.focus()
+    page.keyboard.press("Space")
+    names = listed.evaluate_all("all => all.map((one) => one.value)")
+    assert names[0] == "PERSON-POWERED-VESSEL-1"  # what is chosen stays in sight
+    assert len(names) > 5
+    assert all(name.startswith("SAILBOAT-") for name in names[1:])
+    line = boats.locator("svg").evaluate("one => getComputedStyle(one).stroke")
+    assert line == boats.evaluate("one => getComputedStyle(one).color")
+    assert boats.locator("svg").get_attribute("aria-hidden") == "true"
+    page.get_by_label("Find", exact=True).fill("container")  # no sailing boat: all kinds count
+    assert boats.get_attribute("aria-pressed") == "false"
+    assert "CONTAINER-2" in listed.evaluate_all("all => all.map((one) => one.value)")
+    page.get_by_label("Find", exact=True).fill("")
+    assert listed.count() == every
+
+
 def test_a_tab_begins_at_its_top_with_the_object_in_sight(page: Any) -> None:
     assert page.evaluate(IN_SIGHT)
     page.locator("#panel").evaluate("one => { one.scrollTop = one.scrollHeight; }")

@@ -59,7 +59,7 @@ declare global {
   interface Field { value?: FieldValue; read?: string | number | Point | Point[] | null; in_text?: boolean }
   interface Form { fields: Record<string, Field>; unknown: string[]; scenarios: number; spill: boolean }
   interface Message { message: string; field: string | null; line: number | null }
-  interface DriftObject { name: string; description: string; level: number; words: string[] }
+  interface DriftObject { name: string; description: string; level: number; words: string[]; picture: string }
   interface Coast { features: { geometry: { coordinates: Point[][] } }[] }
   interface Areas { features: { properties: { time: string; level?: number; area_nmi2?: number }; geometry: { coordinates: Point[][][] } }[] }
   interface Shown {
