@@ -75,21 +75,26 @@ def _within(box: Box, area: Box) -> bool:
     return area.east - area.west >= 360 or west + box.east - box.west <= area.east - area.west
 
 
+def user_file() -> Path:
+    """Return where the user's own catalogue is, if there is one."""
+    return Path(platformdirs.user_config_dir("casp-drift")) / "providers.toml"
+
+
 def read_providers(own: Path | None = None) -> dict[str, Provider]:
     """Return all providers by name; the user's entries come first and replace shipped ones.
 
     own: a catalogue file in place of `providers.toml` in the user's configuration folder.
     """
     shipped = resources.files("drift.data").joinpath("providers.toml").read_text(encoding="utf-8")
-    user_file = own or Path(platformdirs.user_config_dir("casp-drift")) / "providers.toml"
+    file = own or user_file()
     user_providers: dict[str, Provider] = {}
-    if own is not None or user_file.is_file():
+    if own is not None or file.is_file():
         try:
-            user_providers = _parse_catalogue(user_file.read_text(encoding="utf-8"), str(user_file))
+            user_providers = _parse_catalogue(file.read_text(encoding="utf-8"), str(file))
         except OSError as error:
-            raise UserError(f'catalogue "{user_file}": {error.strerror}') from None
+            raise UserError(f'catalogue "{file}": {error.strerror}') from None
         except UnicodeError:
-            raise UserError(f'catalogue "{user_file}": is not UTF-8 text') from None
+            raise UserError(f'catalogue "{file}": is not UTF-8 text') from None
     return user_providers | {
         name: one
         for name, one in _parse_catalogue(shipped, "providers.toml").items()

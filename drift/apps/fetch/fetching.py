@@ -39,6 +39,8 @@ USUAL = ("current", "wind")
 NO_FORCING = (
     '[{ constant = { speed = "0 kn", toward = 0 } }]'  # replaces forcing that is not there yet
 )
+# changes of a case whose forcing may still be missing
+NO_SOURCES = {name: NO_FORCING if name in USUAL else "[]" for name in QUANTITIES}
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,12 @@ def _area_and_span_of_case(
     overrides: as for `drift.case.file.load`, for a case that is given by its file.
     """
     if not isinstance(case, Case):
-        missing = {name: NO_FORCING if name in USUAL else "[]" for name in QUANTITIES}
-        case = case_file.load(case, {**(overrides or {}), **missing})
+        case = case_file.load(case, {**(overrides or {}), **NO_SOURCES})
+    return area_and_span(case)
+
+
+def area_and_span(case: Case) -> tuple[Box, np.datetime64, np.datetime64]:
+    """Return the domain of a case, and its first and last time [s] UTC."""
     box = domain.bounds(run_setup.ensemble_spec(case), run_setup.environment_spec(case))
     return box, min(case.start, case.end), max(case.start, case.end)
 

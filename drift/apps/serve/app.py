@@ -26,9 +26,10 @@ from drift.apps.serve import api, names, shelf
 from drift.apps.serve.api import COUNT, FLAG, NUMBER, TEXT, Operation, many, or_null, record
 from drift.apps.serve.desk_log import DeskLog
 from drift.apps.serve.gate import Gate
-from drift.apps.serve.jobs import KINDS, Job, Jobs, Limits
+from drift.apps.serve.jobs import FETCHES, KINDS, QUICK, Download, Job, Jobs, Limits
 from drift.apps.serve.routes.export_routes import ExportRoutes
-from drift.apps.serve.routes.form_routes import FormRoutes
+from drift.apps.serve.routes.fetch_routes import FetchRoutes
+from drift.apps.serve.routes.form_routes import FormRoutes, Invalid
 from drift.apps.serve.routes.search_routes import SearchRoutes
 from drift.apps.serve.routes.spill_routes import SpillRoutes
 from drift.apps.serve.users import Secret, User
@@ -42,6 +43,7 @@ PAGE = (
     "desk",
     "editor",
     "export",
+    "fetch",
     "files",
     "form",
     "kit",
@@ -91,7 +93,7 @@ FOLDER = record(folder=TEXT, cases=many(CASE_ROW), runs=many(RUN), shipped=many(
 CASE_TEXT = record(name=api.CASE, text=TEXT, digest=api.DIGEST)
 JOB = record(
     number=COUNT,
-    kind={"enum": list(KINDS)},
+    kind={"enum": [*KINDS, *FETCHES]},
     case=api.CASE,
     digest=api.DIGEST,
     user=TEXT,
@@ -268,32 +270,41 @@ class Desk:
         if body["kind"] not in KINDS or not names.case(body["case"]):
             return _error_response(400, f"kinds are {', '.join(KINDS)}, on a case of this folder")
         user = _who(request).name
-        job = self.jobs.add(body["kind"], body["case"], body["digest"], user)
+        try:
+            return JSONResponse(self.start(user, body["kind"], body["case"], body["digest"]))
+        except Invalid as invalid:
+            return _error_response(invalid.status, str(invalid))
+
+    def start(
+        self, user: str, kind: str, case: str, digest: str, download: Download | None = None
+    ) -> dict[str, Any]:
+        """Start a job, and return what the page shows of it; raise Invalid if too many wait."""
+        job = self.jobs.add(kind, case, digest, user, download)
         if job is None:
-            return _error_response(429, "too many jobs are waiting")
-        if job.kind != "check":
+            raise Invalid("too many jobs are waiting", 429)
+        if job.kind not in QUICK:
             self.log.add(user, f"started {job.kind}", case=job.case, digest=job.digest)
-        return JSONResponse(self._job(job.summary()))
+        return self._job(job.summary())
 
     async def job_cancel(self, request: Request) -> Response:
         """Cancel a job."""
         job = self.jobs.get(request.path_params["number"])
         if job is None:
             return _error_response(404, "no such job")
-        if not job.over and job.kind != "check":
+        if not job.over and job.kind not in QUICK:
             self.log.add(_who(request).name, f"cancelled {job.kind}", case=job.case)
         await self.jobs.cancel(job)
         return JSONResponse(self._job(job.summary()))
 
     def ended(self, job: Job) -> None:
         """Log that a job has ended, and send the message of the webhook."""
-        if job.kind == "check":
+        if job.kind in QUICK:
             return
         if job.state != "cancelled":
             action = f"{'finished' if job.state == 'done' else 'failed'} {job.kind}"
             result = job.out if job.state == "done" else None
             self.log.add(job.user, action, case=job.case, digest=job.digest, result=result)
-        if self.webhook is not None:
+        if self.webhook is not None and job.download is None:
             task = asyncio.create_task(self._post(self.webhook, job))
             self._posting.add(task)
             task.add_done_callback(self._posting.discard)
@@ -456,6 +467,7 @@ def make(
     form = FormRoutes(folder, allowed, limits, len(secret.users))
     search = SearchRoutes(folder, form)
     exports = ExportRoutes(folder, allowed, limits)
+    fetches = FetchRoutes(folder, form, allowed, desk.start, JOB)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -478,6 +490,7 @@ def make(
         *form.routes(),
         *search.routes(),
         *exports.routes(),
+        *fetches.routes(),
         *SpillRoutes(folder, form).routes(),
         Operation("GET", "/api/openapi.json", openapi, api.OBJECT),
     ]

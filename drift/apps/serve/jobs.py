@@ -27,7 +27,10 @@ KINDS = {
     "run": "forecast",
     "plan": "plan",
     "origin": "origin",
-}  # commands, and the suffix of their result folders
+}  # commands on a case, and the suffix of their result folders
+# of `drift fetch`: how much it would download, and the download
+FETCHES = {"size": None, "fetch": "forcing"}
+QUICK = frozenset({"check", "size"})  # they have a queue of their own, and are not logged
 START = "from drift.apps.cli import tethered; tethered.main"
 MARK = "\x1e"  # begins a line of progress
 MOST_WAITING = 20
@@ -52,9 +55,17 @@ class Limits:
     backend: str = "cpu"
 
 
+@dataclass(frozen=True)
+class Download:
+    """The options of a `drift fetch`, and what its process may read, ask and write."""
+
+    arguments: tuple[str, ...]
+    fence: fence.Fence
+
+
 @dataclass
 class Job:
-    """A command on a case; state is waiting, running, done, failed or cancelled."""
+    """A command on a case, or a download for one; state is waiting, running, done, failed or cancelled."""
 
     number: int
     kind: str
@@ -69,6 +80,7 @@ class Job:
     started: float | None = None
     took: float | None = None  # [s]
     process: asyncio.subprocess.Process | None = None
+    download: Download | None = None
 
     @property
     def over(self) -> bool:
@@ -98,7 +110,7 @@ class Job:
 
 
 class Jobs:
-    """All jobs of a server, in two queues: checks, and everything else."""
+    """All jobs of a server, in two queues: checks and sizes, and everything else."""
 
     def __init__(
         self,
@@ -136,17 +148,20 @@ class Jobs:
         """Return a job by number; None if there is none."""
         return self._jobs.get(number)
 
-    def add(self, kind: str, case: str, digest: str, user: str = "") -> Job | None:
+    def add(
+        self, kind: str, case: str, digest: str, user: str = "", download: Download | None = None
+    ) -> Job | None:
         """Add a job to its queue; return None if too many wait."""
         if sum(job.state == "waiting" for job in self._jobs.values()) >= MOST_WAITING:
             return None
-        job = Job(max(self._jobs, default=0) + 1, kind, case, digest, user)
+        number = max(self._jobs, default=0) + 1
+        job = Job(number, kind, case, digest, user, download=download)
         self._jobs[job.number] = job
         for old in [number for number, one in self._jobs.items() if one.over][
             : max(len(self._jobs) - MOST_KEPT, 0)
         ]:
             del self._jobs[old]
-        self._lanes[kind == "check"].put_nowait(job)
+        self._lanes[kind in QUICK].put_nowait(job)
         return job
 
     async def cancel(self, job: Job) -> None:
@@ -177,17 +192,8 @@ class Jobs:
 
     async def _carry_out(self, job: Job) -> int:
         """Run the command in a process and return its exit status."""
-        if shelf.read_case(self._folder, job.case)[1] != job.digest:
-            raise ValueError(
-                f"{job.case} was changed after this job was requested; request it again"
-            )
-        arguments = [job.kind, str(self._folder / job.case)]
-        if (suffix := KINDS[job.kind]) is not None:
-            job.out = _unused_name(self._folder, f"{job.case.removesuffix('.toml')}-{suffix}")
-            arguments += ["--out", str(self._folder / job.out)]
-            arguments += (
-                [] if self._limits.backend == "cpu" else ["--backend", self._limits.backend]
-            )
+        arguments = self._arguments(job)
+        allowed = self._fence if job.download is None else job.download.fence
         code = python_code(self._folder, self._limits, START)
         with tempfile.TemporaryDirectory(prefix="drift-desk-", ignore_cleanup_errors=True) as empty:
             job.process = await asyncio.create_subprocess_exec(
@@ -199,7 +205,7 @@ class Jobs:
                 stdout=asyncio.subprocess.PIPE,
                 stderr=asyncio.subprocess.STDOUT,
                 cwd=empty,
-                env=environment(self._fence, empty) | {"DRIFT_PROGRESS": "lines"},
+                env=environment(allowed, empty) | {"DRIFT_PROGRESS": "lines"},
                 start_new_session=os.name == "posix",
             )
             timeout = asyncio.create_task(_end_after(job.process, self._limits.hours * 3600))
@@ -216,6 +222,24 @@ class Jobs:
                 timeout.cancel()
                 if job.process.returncode is None:
                     kill(job.process)
+
+    def _arguments(self, job: Job) -> list[str]:
+        """Return the command of a job, and set the folder of its results."""
+        if job.download is not None:
+            arguments = ["fetch", *job.download.arguments]
+            arguments += ["--dry-run"] if job.kind == "size" else []
+        elif shelf.read_case(self._folder, job.case)[1] != job.digest:
+            raise ValueError(
+                f"{job.case} was changed after this job was requested; request it again"
+            )
+        else:
+            arguments = [job.kind, str(self._folder / job.case)]
+        if (suffix := (KINDS | FETCHES)[job.kind]) is not None:
+            job.out = _unused_name(self._folder, f"{job.case.removesuffix('.toml')}-{suffix}")
+            arguments += ["--out", str(self._folder / job.out)]
+            if job.download is None and self._limits.backend != "cpu":
+                arguments += ["--backend", self._limits.backend]
+        return arguments
 
     def _fate(self, job: Job, status: int) -> str:
         """Return why a job ended, if the process could not report it itself; else ""."""

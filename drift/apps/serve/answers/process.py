@@ -22,6 +22,7 @@ import numpy.typing as npt
 import shapely
 
 from drift.apps.serve.answers import (
+    fetch_answers,
     note_answers,
     plan_answers,
     result_answers,
@@ -274,6 +275,8 @@ ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
     "note": lambda request, tell: note_answers.note(request),
     "export": _export,
     "warm": _warm,
+    "fetch/area": lambda request, tell: fetch_answers.area(request),
+    "fetch/use": lambda request, tell: fetch_answers.use(request),
     "search": lambda request, tell: search_answers.search(request),
     "spill": lambda request, tell: spill_answers.spill(request),
     "spill/turn": lambda request, tell: {"text": form.turn(request["text"], request["spill"])},

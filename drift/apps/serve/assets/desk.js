@@ -1,7 +1,8 @@
 // The page: its lists, jobs, buttons and colours. The other modules have the editor, the form and the map.
 import { complaint, lay, leave, opened, save as save_text, say, tab, text } from "./editor.js";
+import * as fetched from "./fetch.js";
 import { begin, is_spill, settled } from "./form.js";
-import { all, ask, button, bytes, file_of, get, guarded, make, span, when } from "./kit.js";
+import { all, ask, button, bytes, complaint_lines, file_of, get, guarded, make, span, when } from "./kit.js";
 import { paint } from "./map.js";
 import { by, watch } from "./people.js";
 import { close_plan, open_plan } from "./plan.js";
@@ -129,6 +130,7 @@ function open_text(name, words, digest) {
   close_plan();
   clear_result();
   close_washup();
+  fetched.begin_case(poll);
   search.begin();
   spill.begin();
   return begin();
@@ -193,12 +195,10 @@ async function save() {
 }
 
 // --- jobs ----------------------------------------------------------------------------------------------------------------
-const NAMES = { check: "Check", run: "Forecast", plan: "Plan", origin: "Origin" };
+const NAMES = { check: "Check", run: "Forecast", plan: "Plan", origin: "Origin", size: "Size of a download", fetch: "Winds and currents" };
 const STATES = { waiting: "waits", running: "runs", done: "done", failed: "failed", cancelled: "cancelled" };
 /** @param {Job} job */
 const over = (job) => ["done", "failed", "cancelled"].includes(job.state);
-/** @param {Job} job */
-const mistakes = (job) => job.lines.filter((line) => line.startsWith("drift: ")).map((line) => line.slice(7));
 /** @type {Map<number, ReturnType<typeof new_row>>} */
 const rows = new Map();
 
@@ -239,7 +239,7 @@ function checked(job) {
   } else if (job.state === "cancelled") {
     place.replaceChildren(make("p", {}, "The check was cancelled."));
   } else {
-    const wrong = mistakes(job);
+    const wrong = complaint_lines(job);
     const listed = (wrong.length ? wrong : job.lines.slice(-5)).map(complaint);
     const heading = wrong.length === 1 ? "One mistake" : `${wrong.length} mistakes`;
     place.replaceChildren(make("h3", {}, heading), make("ul", { class: "rows" }, ...listed));
@@ -311,12 +311,17 @@ function row(job) {
   const log = job.lines.join("\n");
   if (made.log.textContent !== log) made.log.textContent = log;
   const { out, key } = job;
-  if (job.state === "done" && out && key && !made.link.firstChild) {
+  if (job.state === "done" && job.kind === "fetch" && out && !made.link.firstChild) {
+    made.link.append(button("Use these files", () => (opened.name === null ? null : fetched.use(out)), {
+      "aria-label": `Use the files in ${out} in the open case`,
+      "data-changes": "",
+    }));
+  } else if (job.state === "done" && out && key && !made.link.firstChild) {
     made.link.append(link(file_of(out, key, "report.html"), `Open the report of ${out}`));
     if (job.kind === "run") made.link.append(" ", button("Areas on the map", () => on_map(out)));
     if (job.kind === "plan") made.link.append(" ", button("Plan on the map", () => on_map(out)));
   }
-  if (job.state === "failed" && !made.wrong.firstChild) made.wrong.append(...mistakes(job).map(complaint));
+  if (job.state === "failed" && !made.wrong.firstChild) made.wrong.append(...complaint_lines(job).map(complaint));
   return made.item;
 }
 
@@ -327,7 +332,7 @@ const poll = guarded(async () => {
     /** @type {{jobs: Job[]}} */
     const { jobs } = await ask("/api/jobs");
     const ended = jobs.filter(follow).length > 0;
-    const shown = jobs.filter((job) => job.kind !== "check");
+    const shown = jobs.filter((job) => job.kind !== "check" && !(job.kind === "size" && over(job)));
     const items = shown.map(row);
     const place = get("jobs");
     if (items.length !== place.children.length || items.some((item, k) => place.children[k] !== item)) place.replaceChildren(...items);
@@ -354,6 +359,7 @@ function follow(job) {
   }
   own.jobs.set(job.number, job);
   refine(job);
+  fetched.follow(job);
   if (ended && job.state === "done" && job.kind === "plan" && job.case === opened.name && job.out) on_map(job.out);
   return ended;
 }

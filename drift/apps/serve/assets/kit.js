@@ -127,6 +127,9 @@ export function guarded(work) {
   };
 }
 
+/** @param {Job} job @returns {string[]} what drift says is wrong */
+export const complaint_lines = (job) => job.lines.filter((line) => line.startsWith("drift: ")).map((line) => line.slice(7));
+
 /**
  * Return a time without its seconds: 2026-11-21 18:30Z.
  * @param {string} iso

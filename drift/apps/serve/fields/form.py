@@ -155,6 +155,25 @@ def add_table(text: str, table: str, row: Mapping[str, Any]) -> str:
     return _changed_text(text, work)
 
 
+def use_files(text: str, tables: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return a text that reads winds and currents from files.
+
+    Args:
+        text: text of a case.
+        tables: the source of each quantity, with its files and how they are read.
+
+    Raises:
+        UserError: as `set_fields`.
+    """
+
+    def work(document: Any, data: dict[str, Any]) -> None:
+        for quantity, table in tables.items():
+            for node in (document, data):
+                form_sources.put_files(node, quantity, table)
+
+    return _changed_text(text, work)
+
+
 def turn(text: str, spill: bool) -> str:
     """Return the text of a search for one object as that of a spill, or the other way.
 

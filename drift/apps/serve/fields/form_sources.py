@@ -1,5 +1,6 @@
 """The wind and the current of a form: one source each, as reported, by time or from files."""
 
+from collections.abc import Mapping
 from datetime import date, datetime
 from typing import Any
 
@@ -10,6 +11,7 @@ from geo.errors import UserError
 
 SOURCES = {"wind": "from", "current": "toward"}  # and the key of their direction
 KINDS = ("constant", "table", "files")
+READING = ("variables", "depth", "times")  # how files are read, as `drift fetch` writes it
 # errors of typed winds and currents, which have none by default (docs/errors.md)
 TYPED = {
     "current": {"std": "0.3 m/s", "time": "11 h"},
@@ -50,9 +52,8 @@ def _check_direction(field: str, value: Any) -> None:
 
 def set_source(node: Any, quantity: str, value: Any) -> None:
     """Set the one source of a quantity, and the default errors of typed ones."""
+    check_free(node, quantity)
     many = node.get(quantity)
-    if many is not None and read_source(many, quantity) is None:
-        raise UserError(f"{quantity} is set in the text; change it there")
     if value is None:
         node.pop(quantity, None)
         _set_typed_error(node, quantity, False)
@@ -66,9 +67,13 @@ def set_source(node: Any, quantity: str, value: Any) -> None:
         many.append(nodes.table_beside(node, {}, inline=False))
         many[0]["name"] = "forecast" if kind == "files" else "on scene"
     one = many[0]
+    before = _files_of(one)
     for old in KINDS:
         if old != kind and old in one:
             del one[old]
+    if kind != "files" or not set(before) & set(written):  # no file is left that they are of
+        for key in READING:
+            nodes.put(one, key, None)
     if kind == "table":
         written = nodes.rows_beside(node, written)
     elif kind == "constant":
@@ -77,6 +82,28 @@ def set_source(node: Any, quantity: str, value: Any) -> None:
         written = written[0]
     one[kind] = written
     _set_typed_error(node, quantity, kind != "files")
+
+
+def check_free(node: Any, quantity: str) -> None:
+    """Reject a change of a source that only the text shows."""
+    many = node.get(quantity)
+    if many is not None and read_source(many, quantity) is None:
+        raise UserError(f"{quantity} is set in the text; change it there")
+
+
+def put_files(node: Any, quantity: str, table: Mapping[str, Any]) -> None:
+    """Set the one source of a quantity to files, with how they are read."""
+    set_source(node, quantity, {"kind": "files", "files": [table["files"]]})
+    one = node[quantity][0]
+    one["name"] = table["name"]
+    for key in READING:
+        value = table.get(key)
+        nodes.put(one, key, nodes.table_beside(node, value) if isinstance(value, dict) else value)
+
+
+def _files_of(one: Any) -> list[Any]:
+    written = one.get("files", [])
+    return written if isinstance(written, list) else [written]
 
 
 def _set_typed_error(node: Any, quantity: str, typed: bool) -> None:
@@ -104,12 +131,13 @@ def read_source(many: Any, quantity: str) -> dict[str, Any] | None:
         return None
     one, direction = many[0], SOURCES[quantity]
     kinds = [kind for kind in KINDS if kind in one]
-    if len(kinds) != 1 or not one.keys() <= {"name", *kinds}:
+    allowed = {"name", *kinds, *(READING if kinds == ["files"] else ())}
+    if len(kinds) != 1 or not one.keys() <= allowed:
         return {} if one.keys() <= {"name"} else None
     kind = kinds[0]
     written = one[kind]
     if kind == "files":
-        files = [written] if isinstance(written, str) else written
+        files = _files_of(one)
         if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
             return None
         return {"kind": kind, "files": [str(file) for file in files]}

@@ -222,7 +222,7 @@ class FormRoutes:
         name = body["file"]
         if name is None:
             return {"files": await self.files_ending(FORCING)}
-        if not isinstance(name, str) or not names.plain(name) or not name.lower().endswith(FORCING):
+        if not isinstance(name, str) or not _is_forcing(name):
             raise Invalid("give a file of winds or currents of this folder")
         return await self.sketching.ask("forcing", path=str(self.folder / name))
 
@@ -307,6 +307,14 @@ def answered(handler: Any) -> Any:
             return JSONResponse({"error": f"the folder cannot be read: {error.strerror}"}, 500)
 
     return answer
+
+
+def _is_forcing(name: str) -> bool:
+    """Return whether a name is of winds or currents: of a file, or of the files of a download."""
+    *folder, file = name.split("/")
+    inside = len(folder) == 1 and names.plain(folder[0])
+    plain = names.plain(file.replace("*", "") if inside else file)
+    return plain and (inside or not folder) and file.lower().endswith(FORCING)
 
 
 def check_keys(body: dict[str, Any], wanted: set[str]) -> None:

@@ -19,6 +19,7 @@ declare global {
     new: HTMLFormElement;
     "shipped-box": HTMLDetailsElement;
     "log-box": HTMLDetailsElement;
+    "fetch-box": HTMLDetailsElement;
     "new-name": HTMLInputElement;
     wanted: HTMLInputElement;
     picker: HTMLInputElement;
@@ -47,9 +48,10 @@ declare global {
   interface Folder { folder: string; cases: Listed[]; shipped: Listed[]; runs: Run[] }
   interface CaseText { name: string; text: string; digest: string }
   interface Job {
-    number: number; kind: "check" | "run" | "plan" | "origin"; case: string; digest: string; user: string; out: string | null; key: string | null;
+    number: number; kind: "check" | "run" | "plan" | "origin" | "size" | "fetch"; case: string; digest: string; user: string; out: string | null; key: string | null;
     state: "waiting" | "running" | "done" | "failed" | "cancelled"; phase: string; share: number; took: number | null; lines: string[];
   }
+  interface Provider { name: string; quantity: string; title: string; resolution: string; kind: string; license: string; free: boolean }
   interface Entry { time: string; user: string; action: string; case: string | null; digest: string | null; result: string | null }
   interface News { you: string; guest: boolean; several: boolean; last: number; entries: Entry[] }
   type SourceName = "wind" | "current";
