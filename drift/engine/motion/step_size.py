@@ -383,16 +383,19 @@ class _March:
         return None
 
     def _joins(self, size: int, timed: Timed) -> bool:
-        """Return whether a step takes one launch with the steps of its trial that wait."""
+        """Return whether a step takes one launch with the steps of its trial that wait.
+
+        Steps that wait lie between the same slices: see `_keep_pace`, and inside a stretch there is
+        no time of a source but those that split a step.
+        """
         waiting, step = self._waiting[size], timed.step
         if not waiting:
             return True
-        first, last = waiting[0], waiting[-1]
+        last = waiting[-1].step
         return (
-            step.duration == last.step.duration
-            and step.number == last.step.number + step.direction
+            step.duration == last.duration
+            and step.number == last.number + step.direction
             and len(waiting) < self._scene.at_once(self._trials[size])
-            and self._scene.forcing.same_slices((first.low, first.high), (timed.low, timed.high))
         )
 
     def _catch_up(self, size: int) -> None:
