@@ -135,7 +135,7 @@ def test_the_slider_moves_through_the_outputs(browser: Any, results: Path) -> No
         told = re.search(r"95 % area ([\d.,]+) nmi²", page.locator("#spoken").inner_text())
         assert float(told[1].replace(",", "")) == pytest.approx(area, rel=0.006)  # three digits
         page.locator("#play").click()
-        page.wait_for_function("report.state.index !== 4", timeout=5000)
+        page.wait_for_function("() => report.state.index !== 4", timeout=5000)
         page.locator("#play").click()
         assert page.locator("#play").get_attribute("aria-pressed") == "false"
 

@@ -88,7 +88,7 @@ def test_from_the_call_to_a_tasking(browser: Any, served: Server, size: str) -> 
     desk.fill("unit.0.base", "50 06N 005 32W")
     desk.fill("plan.begin", "+8 h")
     desk.fill("plan.until", "+15 h")
-    page.wait_for_function("!document.querySelector('#form .wrong:not([hidden]):not(:empty)')")
+    until(lambda: page.locator("#form .wrong:not([hidden]):not(:empty)").count() == 0, 60)
     desk.press("Plan the next search")
     moved = page.get_by_role("button", name="Move A-1")
     moved.wait_for(timeout=PATIENCE)
