@@ -76,7 +76,7 @@ def test_a_newer_text_interrupts_the_one_before(recorded: Recorded) -> None:
 
 @pytest.mark.parametrize("way", ["ask", "ask_newest"])
 def test_a_request_interrupts_it_and_comes_first(recorded: Recorded, way: str) -> None:
-    """Of whatever user; a text that waits for the process meanwhile is prepared after it, once."""
+    """Of whatever user."""
     ways: dict[str, Callable[[], Coroutine[Any, Any, Any]]] = {
         "ask": lambda: recorded.ask("forcing", text="f"),
         "ask_newest": lambda: recorded.ask_newest("sketch", "anna", text="f"),
@@ -85,10 +85,9 @@ def test_a_request_interrupts_it_and_comes_first(recorded: Recorded, way: str) -
     async def work() -> None:
         first = asyncio.create_task(recorded.prepare(text="a"))
         await asyncio.sleep(0.06)
-        asked = asyncio.create_task(ways[way]())
-        await asyncio.sleep(0.01)
+        await ways[way]()
+        await first
         await recorded.prepare(text="b")
-        await asyncio.gather(first, asked)
 
     asyncio.run(work())
     name = {"ask": "forcing", "ask_newest": "sketch"}[way]
