@@ -173,7 +173,7 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         "times": times,
         "opens": None if result.setting.opens is None else f"{result.setting.opens}Z",
         "areas": geojson.collection(areas, {}),
-        "likely": [result_answers.likeliest_place(data.isel(time=k)) for k in range(len(times))],
+        "likely": [result_answers.likely_at(data.isel(time=k)) for k in range(len(times))],
         "statuses": [status.name.lower() for status in sorted(Status)],
         "particles": {
             "lon": lon.T.tolist(),

@@ -13,6 +13,7 @@ from drift.apps.serve.api import NUMBER, TEXT, Operation, Schema, many, or_null,
 from drift.apps.serve.fields import search_fields
 from drift.apps.serve.routes.form_routes import (
     GEOJSON,
+    LIKELY,
     PARTICLES,
     POINT,
     FormRoutes,
@@ -92,7 +93,7 @@ RESULT = record(
     scenarios=many(SCENARIO),
     areas=GEOJSON,
     words=TEXT,
-    likely=many(or_null(POINT)),
+    likely=many(many(LIKELY)),
     ashore=many(NUMBER),
     statuses=many(TEXT),
     particles=PARTICLES,
