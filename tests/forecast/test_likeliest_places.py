@@ -14,7 +14,8 @@ STEP = (0.021, 0.0097)  # [deg] of longitude and latitude
 
 def grid(afloat: np.ndarray, ashore: np.ndarray) -> xr.Dataset:
     lat = SOUTH + STEP[1] * np.arange(ROWS)
-    area = np.repeat(np.cos(np.radians(lat))[:, None], COLUMNS, axis=1)
+    # of no map: what lies in the east counts for less, and is not to be taken for less dense
+    area = np.cos(np.radians(lat))[:, None] * np.linspace(0.4, 1.6, COLUMNS)
     cells = {
         "probability": afloat + ashore,
         "probability_ashore": ashore,

@@ -14,6 +14,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +152,8 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         few = washup_answers.SKETCH
     overrides = {**few, "output.trajectories": str(DRAWN), "output.areas": AREAS}
     case = case_file.load_text(path, text, overrides)
-    case = replace(case, outputs=few_outputs(case.outputs, case.opens))
+    opens = case.opens if case.opens is not None else present(case.outputs, _now())
+    case = replace(case, outputs=few_outputs(case.outputs, opens))
     job = run_options.open_job(
         case, run_options.Options(report=tell), sketch_waters.region_of(case)
     )
@@ -167,11 +169,10 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         "title": case.title,
         "number": case.particles,
         **result_answers.probabilities(data, len(times)),
-        "words": washup_answers.words_of_sketch(result)
-        or headline.forecast_headline(data, result.setting.opens),
+        "words": washup_answers.words_of_sketch(result) or headline.forecast_headline(data, opens),
         "warnings": list(result.summary["warnings"]),
         "times": times,
-        "opens": None if result.setting.opens is None else f"{result.setting.opens}Z",
+        "opens": None if opens is None else f"{opens.astype('datetime64[s]')}Z",
         "areas": geojson.collection(areas, {}),
         "likely": [result_answers.likely_at(data.isel(time=k)) for k in range(len(times))],
         "statuses": [status.name.lower() for status in sorted(Status)],
@@ -182,6 +183,24 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         },
         "washup": washup_answers.washup_of_sketch(result),
     }
+
+
+def _now() -> np.datetime64:
+    """Return the present [UTC]."""
+    return np.datetime64(datetime.now(UTC).replace(tzinfo=None), "s")
+
+
+def present(outputs: Times, now: np.datetime64) -> np.datetime64 | None:
+    """Return the output nearest to the present; None if that is before the first or after the last.
+
+    Args:
+        outputs: in order of the run, shape (n,).
+        now: the present.
+    """
+    if not outputs.min() <= now <= outputs.max():
+        return None
+    nearest: np.datetime64 = outputs[int(np.argmin(np.abs(outputs - now)))]
+    return nearest
 
 
 def few_outputs(outputs: Times, opens: np.datetime64 | None) -> Times:

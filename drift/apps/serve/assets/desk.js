@@ -202,6 +202,9 @@ const mistakes = (job) => job.lines.filter((line) => line.startsWith("drift: "))
 /** @type {Map<number, ReturnType<typeof new_row>>} */
 const rows = new Map();
 
+/** @param {Job} job */
+const started = (job) => `${NAMES[job.kind]} of ${job.case} started: see Work, below.`;
+
 const start = guarded(async (/** @type {string} */ kind) => {
   if (own.busy) return;
   own.busy = true;
@@ -218,7 +221,7 @@ const start = guarded(async (/** @type {string} */ kind) => {
       say("");
       tab("text");
     } else {
-      say(`${NAMES[job.kind]} started: see Work, below.`);
+      say(started(job));
     }
     await poll();
     if (kind === "plan" || kind === "origin") get("jobs-box").scrollIntoView({ block: "nearest" });
@@ -348,6 +351,7 @@ function follow(job) {
   const before = own.jobs.get(job.number);
   const ended = over(job) && before !== undefined && !over(before);
   if (ended) get("spoken").textContent = `${NAMES[job.kind]} of ${job.case}: ${STATES[job.state]}`;
+  if (ended && get("said").textContent === started(job)) say(`${NAMES[job.kind]} ${STATES[job.state]}: see Work, below.`, job.state === "failed");
   if (job.number === own.check && over(job)) {
     own.check = null;
     checked(job);

@@ -145,7 +145,7 @@ function fill({ fields, unknown, scenarios }) {
   const part = (key) => fields[numbered(`scenario.*.${key}`)] ?? {};
   const has = ["position.at", "trackline.waypoints", "area.polygon"].find((key) => part(key).value || part(key).in_text);
   if (has) show_known(has.split(".")[0]);
-  get("unknown").textContent = unknown.length ? `Also set, in the text: ${unknown.join(", ")}.` : "";
+  get("unknown").textContent = unknown.length ? `The text also sets ${unknown.map(in_words).join("; ")}.` : "";
   show_place({
     at: /** @type {Point | undefined} */ (part("position.at").read),
     error: /** @type {number | undefined} */ (part("position.error").read),
@@ -153,6 +153,27 @@ function fill({ fields, unknown, scenarios }) {
     polygon: /** @type {Point[] | undefined} */ (part("area.polygon").read),
   });
   get("headline").classList.toggle("old", Boolean(own.sketched) && own.sketched !== text.value);
+}
+
+/** What keys that no field shows set, by their first part. @type {Record<string, string>} */
+const ELSEWHERE = {
+  output: "how often maps are made, and of which areas",
+  uncertainty: "the errors of wind and current",
+  clock: "the time step",
+  domain: "the region that is computed",
+  coast: "the shoreline, and what happens on it",
+  stokes: "the drift by waves",
+  leeway: "how the object drifts in the wind",
+  family: "families of scenarios",
+  drifter: "drifting buoys",
+  report: "winds and currents reported on scene",
+  expect: "what the run is compared with",
+};
+
+/** @param {string} key that no field shows */
+function in_words(key) {
+  const told = ELSEWHERE[key.split(".")[0]];
+  return told ? `${told} (${key})` : key;
 }
 
 /**

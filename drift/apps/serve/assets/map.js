@@ -5,8 +5,8 @@ import { all, ask, get, guarded } from "./kit.js";
 const target = get("map");
 export const map = projected({ kind: "mercator", lon: 0, lat: 0, around: true });
 const source = () => new ol.source.Vector({ wrapX: true });
-/** @param {VectorSource} from @param {number} zIndex @param {StyleLike} [style] */
-const layer = (from, zIndex, style) => new ol.layer.Vector({ source: from, zIndex, style, updateWhileAnimating: true });
+/** @param {VectorSource} from @param {number} zIndex @param {StyleLike} [style] @param {boolean} [declutter] */
+const layer = (from, zIndex, style, declutter = false) => new ol.layer.Vector({ source: from, zIndex, style, declutter, updateWhileAnimating: true });
 /** @returns {Theme} */
 const theme = () => (document.documentElement.dataset.theme === "dark" ? "dark" : "light");
 /** @param {string} name */
@@ -21,7 +21,7 @@ const the_given = layer(given, 30, (feature) => styled(feature.get("look"), { th
 const the_particles = layer(particles, 8, (feature) => styled(feature.get("look"), { theme: theme(), size: 0.7, opaque: 0.5 }));
 const the_likely = layer(likely, 20, (feature) => {
   return [...styled("datum", { theme: theme() }), ...titled("datum", { theme: theme(), label: feature.get("label") })];
-});
+}, true);
 export const view = new ol.View({
   projection: map.projection,
   center: map.forward([0, 45]),

@@ -87,7 +87,7 @@ declare global {
   }
   interface Searches {
     rows: Record<Listed3, Row[]>; plan: Row; search_objects: string[];
-    shapes: { sortie: Record<string, Searched>; contact: Record<string, { shape: "point" | "region" | "line"; points: Point[] }[]> };
+    shapes: { sortie: Record<string, Searched>; contact: Record<string, { shape: "point" | "region" | "line"; points: Point[] }[]>; unit: Record<string, Point> };
   }
   interface FieldSpec {
     key: string; label: string; kind?: "place" | "places" | "fixes" | "lines" | "range" | "degrees" | "number" | "choice" | "tick" | "file"; size?: number; hint?: string;
