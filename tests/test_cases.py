@@ -14,7 +14,15 @@ from drift.pipeline import flow
 
 NAMES = [name for name, _ in case_file.shipped() if name not in shipped.COMPARED]
 # those whose run takes more than a second; the thorough stage has them all
-SLOW = {"gulf_containers", "pacsearch", "paria", "washington_drums", "zoe_containers"}
+SLOW = {
+    "cast_submarine",
+    "gulf_containers",
+    "medsearch_transit",
+    "pacsearch",
+    "paria",
+    "washington_drums",
+    "zoe_containers",
+}
 CASES = ROOT / "cases"
 
 

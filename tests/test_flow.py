@@ -49,6 +49,7 @@ with open(given[0], "wb") as file:
 """
 
 
+@pytest.mark.thorough
 def test_one_thread_gives_the_bits_of_all(one_thread: Process, tmp_path: Path) -> None:
     """The default case, smaller; one thread in a process of its own, since a process keeps its
     threads.

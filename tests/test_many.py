@@ -266,6 +266,7 @@ def test_data_sets_are_told_apart(tmp_path: Path) -> None:
     assert bits(next(drift.run_many(cases[1:], datasets=datasets))) == bits(fast)
 
 
+@pytest.mark.thorough
 def test_one_that_is_refused_says_so_and_the_others_go_on(tmp_path: Path) -> None:
     lon, lat = middle()
     base = case(

@@ -141,6 +141,7 @@ def test_the_spread_of_members_stands_for_the_default_error(tmp_path: Path) -> N
     assert load(tmp_path).current_error.by[0] == NOWHERE
 
 
+@pytest.mark.thorough
 def test_what_a_run_tells_of_members(tmp_path: Path) -> None:
     """Without evidence all are as likely; the file's values are what they are called."""
     result = drift.run(load(tmp_path, file(tmp_path)), out=tmp_path / "out")

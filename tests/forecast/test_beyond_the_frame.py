@@ -46,6 +46,7 @@ def two(lon, lat, east, north, share):
         (-179.9, 12.1, -260e3, -240e3, "SW"),
     ],
 )
+@pytest.mark.thorough
 def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(
     tmp_path, words, lon, lat, east, north, point
 ):

@@ -72,6 +72,7 @@ def test_a_rate_counts_only_the_time_adrift(tmp_path: Path) -> None:
     assert np.abs(came[again][within] - wanted[within]).max() <= near
 
 
+@pytest.mark.thorough
 def test_no_two_objects_have_the_same_new_lines_after_resampling(tmp_path: Path) -> None:
     """A copy that changes draws lines of its own: not those of the particle that had its slot."""
     seen = (

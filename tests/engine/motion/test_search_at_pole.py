@@ -166,6 +166,7 @@ speed = "280 kn"
 @pytest.mark.usefixtures("coarse_maps")
 @pytest.mark.parametrize("pole", [1, -1])
 @pytest.mark.parametrize("ends", [((-8, 2), (8, 2)), ((8, 0.5), (0.01, 0.6)), ((-8, 0.5), (0, 0))])
+@pytest.mark.thorough
 def test_a_leg_beside_the_pole_passes_what_is_abeam(tmp_path: Path, pole: int, ends: tuple) -> None:
     """M-beta counts a pass abeam by the leg's own course: in the plane of the pole, east and west
     of the meridian of 0.

@@ -174,6 +174,7 @@ def test_a_pattern_that_drifts_with_its_datum_finds_what_it_finds_on_still_water
 
 
 @pytest.mark.parametrize("behaviour", ["strand", "slide", "refloat"])
+@pytest.mark.thorough
 def test_what_a_bent_way_meets_of_the_shore_does_not_depend_on_the_step(
     tmp_path: Path, behaviour: str
 ) -> None:

@@ -358,6 +358,7 @@ def test_values_of_another_length_are_never_used(length: float) -> None:
         sources.open_source("current", url, timeout=SHORT)
 
 
+@pytest.mark.thorough
 def test_values_that_are_whole_at_the_second_asking_are_read() -> None:
     asked: set[str] = set()
 

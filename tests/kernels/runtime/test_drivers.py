@@ -149,6 +149,7 @@ def test_devices_of_vulkan_with_their_memory(ask: Ask) -> None:
         ({"STUB_NAME": "SwiftShader Device"}, "software of stubv Mesa 24.1.2"),
     ],
 )
+@pytest.mark.thorough
 def test_a_device_of_vulkan_that_cannot_be_used(ask: Ask, says: dict, why: str) -> None:
     (device,) = ask("vulkan", "libvulkan.so.1", **says)["devices"]
     assert device["unfit"].startswith(why)

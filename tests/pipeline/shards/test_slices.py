@@ -122,6 +122,7 @@ def test_a_run_that_goes_on_reads_what_was_regridded(
 
 
 @pytest.mark.usefixtures("forgetful")
+@pytest.mark.thorough
 def test_without_room_for_them_shards_read_for_themselves(
     case: drift.Case,
     made: drift.Result,

@@ -131,6 +131,7 @@ def test_a_case_without_ships_has_nothing_to_place(tmp_path):
         drift.place(load(tmp_path, text))
 
 
+@pytest.mark.thorough
 def test_a_ship_without_a_way_is_named(tmp_path):
     text = CASE.replace(
         'speed = "4 kn"\ncourses',

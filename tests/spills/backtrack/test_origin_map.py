@@ -87,6 +87,7 @@ def words(figure):
         (5.1, 60.3, (40, 1), 2, 2),
     ],
 )
+@pytest.mark.thorough
 def test_anywhere_and_with_a_single_cell(
     tmp_path, monkeypatch, seen, lon, lat, cells, times, count
 ):

@@ -103,6 +103,7 @@ def words(monkeypatch):
         (5.1, 60.3, [7]),
     ],
 )
+@pytest.mark.thorough
 def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, touched):
     monkeypatch.setattr(socket, "socket", lambda *_: pytest.fail("a picture downloads nothing"))
     said = words(monkeypatch)

@@ -1,4 +1,5 @@
 // The page: its lists, jobs, buttons and colours. The other modules have the editor, the form and the map.
+import { show_charts } from "./charts.js";
 import { complaint, lay, leave, opened, save as save_text, say, tab, text } from "./editor.js";
 import { begin, is_spill, settled } from "./form.js";
 import { all, ask, button, bytes, file_of, get, guarded, make, span, when } from "./kit.js";
@@ -393,6 +394,7 @@ document.addEventListener("visibilitychange", () => {
   poll();
 });
 colour();
+show_charts();
 show();
 poll();
 watch(() => {

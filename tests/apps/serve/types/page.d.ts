@@ -45,6 +45,7 @@ declare global {
     files: { name: string; bytes: number }[];
   }
   interface Folder { folder: string; cases: Listed[]; shipped: Listed[]; runs: Run[] }
+  interface Chart { name: string; attribution: string; least: number; most: number; bounds: [number, number, number, number] | null }
   interface CaseText { name: string; text: string; digest: string }
   interface Job {
     number: number; kind: "check" | "run" | "plan" | "origin"; case: string; digest: string; user: string; out: string | null; key: string | null;
@@ -172,8 +173,9 @@ declare global {
       Polygon: typeof import("ol/geom/Polygon").default;
     };
     interaction: { Pointer: typeof import("ol/interaction/Pointer").default; Translate: typeof import("ol/interaction/Translate").default };
-    layer: { Vector: typeof import("ol/layer/Vector").default };
-    source: { Vector: typeof import("ol/source/Vector").default };
+    layer: { Tile: typeof import("ol/layer/Tile").default; Vector: typeof import("ol/layer/Vector").default };
+    source: { Vector: typeof import("ol/source/Vector").default; XYZ: typeof import("ol/source/XYZ").default };
+    tilegrid: typeof import("ol/tilegrid");
     style: {
       Fill: typeof import("ol/style/Fill").default;
       Stroke: typeof import("ol/style/Stroke").default;

@@ -232,6 +232,7 @@ def test_scenarios_that_name_one_file_move_in_one_launch_each_by_its_parameters(
         assert np.abs(far[:, members] - expected).max() < 1.0  # [m]; they begin within 1 m
 
 
+@pytest.mark.thorough
 def test_shards_give_the_same_bits(tmp_path: Path) -> None:
     case = loaded(tmp_path, iceberg(), RAFT + BERG.format(at="59-40N 001-40E"), WAVES)
     assert drift.run(case).particles.identical(drift.run(case, shards=2).particles)

@@ -192,6 +192,7 @@ def run(tmp_path, text, step="1 h", **overrides):
 
 @pytest.mark.parametrize("step", ["2 h", "30 min"])
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.thorough
 def test_what_a_sensor_says_is_as_likely_as_on_fine_paths(tmp_path, name: str, step: str) -> None:
     """By scenario, whatever the step, in which it begins and ends."""
     text, exact = CASES[name][0], exact_of(name)

@@ -282,6 +282,7 @@ def test_places(brute, run):
         )
 
 
+@pytest.mark.thorough
 def test_destination_and_k(brute, run):
     (paths, seen, _), (result, worse) = brute, run
     of = {told.quantity.name: k for k, told in enumerate(result.posteriors.told)}

@@ -260,6 +260,7 @@ def test_evidence(yachts, result):
 
 
 @pytest.mark.parametrize("when", range(len(TIMES)))
+@pytest.mark.thorough
 def test_places_and_distress(yachts, result, when):
     drawn, chance = yachts
     late = ~((drawn.arrival < OVERDUE) & (drawn.distress > drawn.arrival))
