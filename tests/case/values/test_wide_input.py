@@ -4,9 +4,12 @@ import time
 import tomllib
 from pathlib import Path
 
+import netCDF4
 import pytest
 
 from drift.case import file as case_file
+from drift.case.tracking import reading
+from drift.case.values import gpx
 from drift.case.values.rows import MOST_COLUMNS, Rows
 from drift.case.values.toml_text import MOST_PARTS, parse_toml
 from geo.errors import UserError
@@ -78,3 +81,27 @@ def test_a_table_of_a_million_columns(tmp_path: Path) -> None:
     )
     path.write_text("time,lon,lat" + "," * (MOST_COLUMNS - 3) + "\n", encoding="utf-8")
     assert Rows(str(path), ["time"], ["time", "lon", "lat"]).columns == ["time", "lon", "lat"]
+
+
+def test_a_track_that_is_empty_for_the_most_part(tmp_path: Path) -> None:
+    """6 kB on disk, 45 GiB in memory: no value was written, so the file holds none."""
+    path = tmp_path / "ship.nc"
+    with netCDF4.Dataset(path, "w") as file:
+        file.createDimension("time", 2 * 10**9)
+        for name in ("time", "lon", "lat"):
+            file.createVariable(
+                name, "f8", ("time",), zlib=True, chunksizes=(10**6,), fill_value=1.0
+            )
+        file["time"].units = "seconds since 2026-01-01"
+    assert path.stat().st_size < 10**5
+    with pytest.raises(UserError, match=r"ship\.nc.* and 48,000,000,000 in memory"):
+        reading.read_drifters(path)
+
+
+@pytest.mark.parametrize("inside", ["<a>{}</a>", '<a b="{}"/>'])
+def test_a_gpx_file_that_is_deep_or_long(tmp_path: Path, inside: str) -> None:
+    path = tmp_path / "ship.gpx"
+    before, after = inside.split("{}")
+    path.write_text(f"<gpx>{before * 60_000}{after * 60_000}</gpx>", encoding="utf-8")
+    with pytest.raises(UserError, match=r"ship\.gpx"):
+        gpx.read_gpx(path)

@@ -1,7 +1,7 @@
 // The page: its lists, jobs, buttons and colours. The other modules have the editor, the form and the map.
 import { show_charts } from "./charts.js";
 import { complaint, lay, leave, opened, save as save_text, say, tab, text } from "./editor.js";
-import { begin, is_spill, settled } from "./form.js";
+import { begin, in_words_of_form, is_spill, settled } from "./form.js";
 import { all, ask, button, bytes, file_of, get, guarded, make, span, when } from "./kit.js";
 import { paint } from "./map.js";
 import { by, watch } from "./people.js";
@@ -320,7 +320,10 @@ function row(job) {
     if (job.kind === "run") made.link.append(" ", button("Areas on the map", () => on_map(out)));
     if (job.kind === "plan") made.link.append(" ", button("Plan on the map", () => on_map(out)));
   }
-  if (job.state === "failed" && !made.wrong.firstChild) made.wrong.append(...mistakes(job).map(complaint));
+  if (job.state === "failed" && !made.wrong.firstChild) {
+    const lines = mistakes(job);
+    made.wrong.append(...(job.case === opened.name ? lines.map(in_words_of_form) : lines).map(complaint));
+  }
   return made.item;
 }
 
