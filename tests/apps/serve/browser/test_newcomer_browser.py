@@ -143,7 +143,7 @@ def test_a_failed_run_names_the_field_of_the_form(page: Any) -> None:
     """Not the key of the text; the sentence below the title no longer says that it has started."""
     page.get_by_label("Forecast for").fill("inf")
     page.keyboard.press("Tab")
-    page.locator("p.beside").get_by_text("not finite").wait_for()
+    page.locator("p.beside", has_text="inf").first.wait_for()
     page.get_by_role("button", name="Run the forecast").click()
     wrong = page.locator("#jobs .wrong").first
     wrong.wait_for()
