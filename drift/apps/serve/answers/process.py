@@ -14,6 +14,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +146,7 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     from drift.pipeline import flow
     from drift.products.files import geojson
 
-    job = _open_sketch(request, tell)
+    job, opens = _open_sketch(request, tell)
     case, result = job.case, flow.forecast_job(job)
     data, tracks = result.forecast.data, result.trajectories
     times = [f"{time.astype('datetime64[s]')}Z" for time in data["time"].values]
@@ -158,13 +159,12 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         "title": case.title,
         "number": case.particles,
         **result_answers.probabilities(data, len(times)),
-        "words": washup_answers.words_of_sketch(result)
-        or headline.forecast_headline(data, result.setting.opens),
+        "words": washup_answers.words_of_sketch(result) or headline.forecast_headline(data, opens),
         "warnings": list(result.summary["warnings"]),
         "times": times,
-        "opens": None if result.setting.opens is None else f"{result.setting.opens}Z",
+        "opens": None if opens is None else f"{opens.astype('datetime64[s]')}Z",
         "areas": geojson.collection(areas, {}),
-        "likely": [result_answers.likeliest_place(data.isel(time=k)) for k in range(len(times))],
+        "likely": [result_answers.likely_at(data.isel(time=k)) for k in range(len(times))],
         "statuses": [status.name.lower() for status in sorted(Status)],
         "particles": {
             "lon": lon.T.tolist(),
@@ -175,8 +175,10 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     }
 
 
-def _open_sketch(request: Mapping[str, Any], tell: Tell, particles: int = PARTICLES) -> Any:
-    """Return the job (`drift.pipeline.run_options.Job`) of a first map."""
+def _open_sketch(
+    request: Mapping[str, Any], tell: Tell, particles: int = PARTICLES
+) -> tuple[Any, np.datetime64 | None]:
+    """Return the job (`drift.pipeline.run_options.Job`) of a first map, and when that opens."""
     from drift.apps.serve.answers import sketch_waters
     from drift.pipeline import run_options
 
@@ -186,9 +188,10 @@ def _open_sketch(request: Mapping[str, Any], tell: Tell, particles: int = PARTIC
         few = washup_answers.SKETCH
     overrides = {**few, "output.trajectories": str(DRAWN), "output.areas": AREAS}
     case = case_file.load_text(path, text, overrides)
-    case = replace(case, outputs=few_outputs(case.outputs, case.opens))
+    opens = case.opens if case.opens is not None else present(case.outputs, _now())
+    case = replace(case, outputs=few_outputs(case.outputs, opens))
     region = sketch_waters.region_of(case)
-    return run_options.open_job(case, run_options.Options(report=tell), region)
+    return run_options.open_job(case, run_options.Options(report=tell), region), opens
 
 
 def _prepare(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
@@ -205,7 +208,7 @@ def _prepare(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
             raise _Prepared
 
     with contextlib.suppress(UserError, _Prepared):
-        job = _open_sketch(request, stop_at_maps, AHEAD)
+        job, _ = _open_sketch(request, stop_at_maps, AHEAD)
         if sketch_waters.read_ahead(job.case, job.where, tell):
             flow.forecast_job(job)
     return {}
@@ -213,6 +216,24 @@ def _prepare(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
 
 class _Prepared(Exception):
     """What a first map needs is ready."""
+
+
+def _now() -> np.datetime64:
+    """Return the present [UTC]."""
+    return np.datetime64(datetime.now(UTC).replace(tzinfo=None), "s")
+
+
+def present(outputs: Times, now: np.datetime64) -> np.datetime64 | None:
+    """Return the output nearest to the present; None if that is before the first or after the last.
+
+    Args:
+        outputs: in order of the run, shape (n,).
+        now: the present.
+    """
+    if not outputs.min() <= now <= outputs.max():
+        return None
+    nearest: np.datetime64 = outputs[int(np.argmin(np.abs(outputs - now)))]
+    return nearest
 
 
 def few_outputs(outputs: Times, opens: np.datetime64 | None) -> Times:

@@ -54,6 +54,7 @@ GEOJSON: Schema = {
     },
     "required": ["type", "features"],
 }
+LIKELY = record(at=POINT, ashore=api.FLAG, share=NUMBER)
 PARTICLES = record(lon=many(many(NUMBER)), lat=many(many(NUMBER)), status=many(many(api.COUNT)))
 STRETCH = record(
     id=TEXT,
@@ -93,7 +94,7 @@ SKETCH = record(
     times=many(TEXT),
     opens=or_null(TEXT),
     areas=GEOJSON,
-    likely=many(or_null(POINT)),
+    likely=many(many(LIKELY)),
     statuses=many(TEXT),
     particles=PARTICLES,
     scenarios=many(record(name=TEXT, probability=many(NUMBER))),
