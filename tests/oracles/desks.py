@@ -13,7 +13,7 @@ from typing import Any
 import jsonschema
 import uvicorn
 
-from drift.apps.serve import app, jobs, server, users, webhook
+from drift.apps.serve import app, charts, jobs, server, users, webhook
 from drift.products.files import manifest
 
 NASTY = "</script><img src=x onerror=alert(1)>"
@@ -59,6 +59,7 @@ class Server:
         *,
         people: tuple[users.User, ...] = (),
         hook: webhook.Webhook | None = None,
+        chart: tuple[charts.Chart, ...] = (),
     ) -> None:
         self.folder, self.secret = folder, users.Secret(*[people] if people else [])
         self._contract: Contract | None = None
@@ -67,9 +68,8 @@ class Server:
         self.port = self.socket.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"
         allowed = server._fence(folder, [], ["thredds.example.org"])
-        made = app.make(
-            folder, (self.host, f"localhost:{self.port}"), self.secret, allowed, limits, hook
-        )
+        places = (self.host, f"localhost:{self.port}")
+        made = app.make(folder, places, self.secret, allowed, limits, hook, chart)
         self.routes = made._app.routes  # what the gate passes on
         self._uvicorn = uvicorn.Server(server.configured(made))
         self._thread = threading.Thread(target=self._uvicorn.run, kwargs={"sockets": [self.socket]})
@@ -114,7 +114,8 @@ class Server:
             answer.begin()
             given = {name.lower(): value for name, value in answer.getheaders()}
             got = answer.read()
-        file = "content-disposition" in given
+        image = given.get("content-type", "").startswith("image/")
+        file = "content-disposition" in given or image
         if self._contract is not None and method in ("GET", "POST") and not file:
             self._contract.check(method, path, answer.status, data, got)
         return answer.status, given, got

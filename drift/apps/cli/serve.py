@@ -79,6 +79,13 @@ def add(commands: Any, backends: Sequence[str]) -> None:
     serve.add_argument(
         "--webhook", metavar="URL", help="an address that gets a message when a run ends"
     )
+    serve.add_argument(
+        "--chart",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="a chart for the map: MBTiles or PMTiles of images; may be repeated",
+    )
     serve.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
@@ -98,6 +105,7 @@ def run(args: argparse.Namespace) -> Answer:
         user=args.user,
         guest=args.guest,
         webhook=args.webhook,
+        chart=args.chart,
         browser=not args.no_browser,
         say=terminal.print_line,
     )

@@ -7,7 +7,7 @@ import asyncio
 import mimetypes
 import os
 import re
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager
 from functools import lru_cache
 from importlib import resources
@@ -24,9 +24,11 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from drift.apps.serve import api, names, shelf
 from drift.apps.serve.api import COUNT, FLAG, NUMBER, TEXT, Operation, many, or_null, record
+from drift.apps.serve.charts import Chart
 from drift.apps.serve.desk_log import DeskLog
 from drift.apps.serve.gate import Gate
 from drift.apps.serve.jobs import FETCHES, KINDS, QUICK, Download, Job, Jobs, Limits
+from drift.apps.serve.routes.chart_routes import ChartRoutes
 from drift.apps.serve.routes.export_routes import ExportRoutes
 from drift.apps.serve.routes.fetch_routes import FetchRoutes
 from drift.apps.serve.routes.form_routes import FormRoutes, Invalid
@@ -40,6 +42,7 @@ from geo.files import fence
 
 PAGE = (
     "changes",
+    "charts",
     "desk",
     "editor",
     "export",
@@ -452,6 +455,7 @@ def make(
     allowed: fence.Fence,
     limits: Limits,
     webhook: Webhook | None = None,
+    charts: Sequence[Chart] = (),
 ) -> ASGIApp:
     """Return the application behind its gate.
 
@@ -462,6 +466,7 @@ def make(
         allowed: files and hosts that jobs may read.
         limits: limits of jobs.
         webhook: where a message goes when a run ends.
+        charts: the user's own, for the map.
     """
     desk = Desk(folder, secret, allowed, limits, webhook)
     form = FormRoutes(folder, allowed, limits, len(secret.users))
@@ -492,6 +497,7 @@ def make(
         *exports.routes(),
         *fetches.routes(),
         *SpillRoutes(folder, form).routes(),
+        *ChartRoutes(charts).routes(),
         Operation("GET", "/api/openapi.json", openapi, api.OBJECT),
     ]
     reads = api.open_to_guests(routes)

@@ -10,6 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from drift.apps.serve.charts import open_chart
 from drift.apps.serve.jobs import GIB, Limits
 from drift.apps.serve.users import Secret, users_of
 from drift.apps.serve.webhook import parse as parse_webhook
@@ -41,6 +42,7 @@ def serve(
     user: Sequence[str] = (),
     guest: Sequence[str] = (),
     webhook: str | None = None,
+    chart: Sequence[str | os.PathLike[str]] = (),
     browser: bool = True,
     say: Callable[[str], object] = print,
 ) -> None:
@@ -59,12 +61,13 @@ def serve(
         user: names of users; each gets an address of their own. (): one user.
         guest: names of guests, who may read but not change.
         webhook: address that gets a message when a run ends.
+        chart: charts for the map: MBTiles or PMTiles files of images.
         browser: whether the browser is opened.
         say: prints a line.
 
     Raises:
-        UserError: the folder, the port, the backend, a name or the webhook cannot be used, or the
-            extra `serve` is not installed.
+        UserError: the folder, the port, the backend, a name, a chart or the webhook cannot be used,
+            or the extra `serve` is not installed.
     """
     try:
         import uvicorn
@@ -82,6 +85,7 @@ def serve(
     limits = replace(_limits(hours, memory), backend=backend)
     secret = Secret(users_of(user, guest))
     hook = None if webhook is None else parse_webhook(webhook)
+    charts = [open_chart(path) for path in chart]
     listener = _listen(host, port)
     with listener:
         bound_port = listener.getsockname()[1]
@@ -94,7 +98,7 @@ def serve(
         places = [
             f"{name}:{bound_port}" for name in dict.fromkeys([host_in_url.lower(), *host_names])
         ]
-        app = desk_app.make(root, tuple(places), secret, allowed, limits, hook)
+        app = desk_app.make(root, tuple(places), secret, allowed, limits, hook, charts)
         addresses = [
             f"http://{host_in_url}:{bound_port}/?token={one.token}" for one in secret.users
         ]

@@ -46,6 +46,7 @@ declare global {
     files: { name: string; bytes: number }[];
   }
   interface Folder { folder: string; cases: Listed[]; shipped: Listed[]; runs: Run[] }
+  interface Chart { name: string; attribution: string; least: number; most: number; bounds: [number, number, number, number] | null }
   interface CaseText { name: string; text: string; digest: string }
   interface Job {
     number: number; kind: "check" | "run" | "plan" | "origin" | "size" | "fetch"; case: string; digest: string; user: string; out: string | null; key: string | null;
@@ -64,15 +65,16 @@ declare global {
   interface DriftObject { name: string; description: string; level: number; words: string[]; picture: string }
   interface Coast { features: { geometry: { coordinates: Point[][] } }[] }
   interface Areas { features: { properties: { time: string; level?: number; area_nmi2?: number }; geometry: { coordinates: Point[][][] } }[] }
+  interface Likely { at: Point; ashore: boolean; share: number }
   interface Shown {
-    areas: Areas; start?: string; times?: string[]; opens?: string | null; likely?: (Point | null)[]; looks?: string[];
+    areas: Areas; start?: string; times?: string[]; opens?: string | null; likely?: Likely[][]; looks?: string[];
     particles?: { lon: number[][]; lat: number[][]; status: number[][] };
   }
   interface Probabilities { scenarios: { name: string; probability: number[] }[]; ashore: number[] }
   interface Sketch extends Shown, Probabilities {
-    title: string; number: number; words: string; warnings: string[]; statuses: string[]; washup: Washup | null; times: string[]; likely: (Point | null)[];
+    title: string; number: number; words: string; warnings: string[]; statuses: string[]; washup: Washup | null; times: string[]; likely: Likely[][];
   }
-  interface Compared extends Probabilities { times: string[]; likely: (Point | null)[]; areas: Areas }
+  interface Compared extends Probabilities { times: string[]; likely: Likely[][]; areas: Areas }
   interface Place { at?: Point; error?: number; line?: Point[]; polygon?: Point[] } // [deg], [m]
 
   // --- the step "Search", plans and results ---
@@ -88,7 +90,7 @@ declare global {
   }
   interface Searches {
     rows: Record<Listed3, Row[]>; plan: Row; search_objects: string[];
-    shapes: { sortie: Record<string, Searched>; contact: Record<string, { shape: "point" | "region" | "line"; points: Point[] }[]> };
+    shapes: { sortie: Record<string, Searched>; contact: Record<string, { shape: "point" | "region" | "line"; points: Point[] }[]>; unit: Record<string, Point> };
   }
   interface FieldSpec {
     key: string; label: string; kind?: "place" | "places" | "fixes" | "lines" | "range" | "degrees" | "number" | "choice" | "tick" | "file"; size?: number; hint?: string;
@@ -173,8 +175,9 @@ declare global {
       Polygon: typeof import("ol/geom/Polygon").default;
     };
     interaction: { Pointer: typeof import("ol/interaction/Pointer").default; Translate: typeof import("ol/interaction/Translate").default };
-    layer: { Vector: typeof import("ol/layer/Vector").default };
-    source: { Vector: typeof import("ol/source/Vector").default };
+    layer: { Tile: typeof import("ol/layer/Tile").default; Vector: typeof import("ol/layer/Vector").default };
+    source: { Vector: typeof import("ol/source/Vector").default; XYZ: typeof import("ol/source/XYZ").default };
+    tilegrid: typeof import("ol/tilegrid");
     style: {
       Fill: typeof import("ol/style/Fill").default;
       Stroke: typeof import("ol/style/Stroke").default;
