@@ -42,6 +42,7 @@ from geo.files import fence
 
 PAGE = (
     "changes",
+    "coverage",
     "charts",
     "desk",
     "editor",

@@ -38,6 +38,7 @@ PATIENCE = {  # [s]
     "result/value": 20.0,
     "coast": 30.0,
     "forcing": 60.0,
+    "domain": 10.0,
     "fetch/area": 60.0,
     "fetch/use": 10.0,
     "note": 60.0,

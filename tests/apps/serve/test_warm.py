@@ -50,7 +50,9 @@ def test_bad_requests(served: Server, name: str) -> None:
     assert status == expected, data
 
 
-@pytest.mark.parametrize("path", ["form", "form/set", "check", "sketch", "coast", "forcing"])
+@pytest.mark.parametrize(
+    "path", ["form", "form/set", "check", "domain", "sketch", "coast", "forcing"]
+)
 def test_who_may_not(served: Server, path: str) -> None:
     for changes in ({"Cookie": None}, {"Origin": "http://evil.example"}):
         assert served.ask("POST", f"/api/{path}", GOOD, **changes)[0] in (401, 403)
@@ -67,6 +69,31 @@ def test_objects_in_everyday_words(served: Server) -> None:
     assert set(rows[1:]) <= set(names)  # the published classes, below the header of their table
     assert names[-1] == "water"
     assert all(one["description"] for one in found)
+
+
+DOMAIN = "domain = { west = -91.5, south = 25.25, east = -84.75, north = 29.5 }\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "box"),
+    [
+        (DOMAIN + small_case.STEADY, [-91.5, 25.25, -84.75, 29.5]),
+        (DOMAIN + small_case.STEADY.partition("[[current]]")[0], None),  # no scenario
+        (DOMAIN + "[[scenario]]" + small_case.STEADY.partition("[[scenario]]")[2], None),
+        ("title = ", None),
+    ],
+)
+def test_the_domain_of_a_text(running: Server, text: str, box: list[float] | None) -> None:
+    told = running.json("POST", "/api/domain", {"text": text, "name": "case.toml"})
+    assert told == {"box": box}
+
+
+def test_a_domain_without_wind_is_known(running: Server) -> None:
+    """The page draws it before anything is typed of the wind."""
+    head, _, rest = small_case.STEADY.partition("[[current]]")
+    text = f"{DOMAIN}{head}[[scenario]]{rest.partition('[[scenario]]')[2]}"
+    told = running.json("POST", "/api/domain", {"text": text, "name": "case.toml"})
+    assert told == {"box": [-91.5, 25.25, -84.75, 29.5]}
 
 
 @pytest.fixture(scope="module")

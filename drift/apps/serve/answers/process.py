@@ -23,6 +23,7 @@ import numpy.typing as npt
 import shapely
 
 from drift.apps.serve.answers import (
+    domain_answers,
     fetch_answers,
     note_answers,
     plan_answers,
@@ -338,6 +339,7 @@ ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
     "note": lambda request, tell: note_answers.note(request),
     "export": _export,
     "warm": _warm,
+    "domain": lambda request, tell: domain_answers.domain(request),
     "fetch/area": lambda request, tell: fetch_answers.area(request),
     "fetch/use": lambda request, tell: fetch_answers.use(request),
     "search": lambda request, tell: search_answers.search(request),

@@ -1,4 +1,5 @@
 // The form: fields in step with the text of the case, which stays the truth, and the first map.
+import { show_covered, show_domain } from "./coverage.js";
 import { complaint, opened, text, write } from "./editor.js";
 import { all, ask, button, get, guarded, make, picture, Rejected } from "./kit.js";
 import * as sea from "./map.js";
@@ -121,6 +122,10 @@ const refresh = guarded(async () => {
   if (mine !== own.asked) return;
   /** @type {{messages: Message[]}} */
   const told = await ask("/api/check", { text: words, name: opened.name });
+  show_covered();
+  /** @type {{box: Box | null}} */
+  const { box } = await ask("/api/domain", { text: words, name: opened.name });
+  if (mine === own.asked) show_domain(box);
   if (mine === own.asked) complain([...told.messages, ...own.more]);
 });
 
@@ -563,6 +568,8 @@ export const begin = guarded(async () => {
   show_known("position");
   pick("");
   sea.clear();
+  show_domain(null);
+  show_covered();
   for (const id of /** @type {const} */ (["headline", "changed", "readout"])) get(id).textContent = "";
   get("warned").replaceChildren();
   await sources.list_files();

@@ -18,7 +18,10 @@ const RATES = { wind: "15 kn", current: "0.5 kn" };
 const own = {
   files: /** @type {string[]} */ ([]),
   changed: /** @type {(what: SourceName) => void} */ (() => {}),
+  covers: () => {}, // hears that another file's box is known
 };
+/** @type {Map<string, Covered[]>} */
+const boxes = new Map();
 /** @type {Map<string, Promise<string>>} */
 const covers = new Map();
 
@@ -230,12 +233,28 @@ export function canonical(value) {
 async function tell_cover(file, place) {
   if (!covers.has(file)) covers.set(file, cover_of(file).catch((error) => error.message));
   place.textContent = (await covers.get(file)) ?? "";
+  own.covers();
+}
+
+/** Call something when more is known of what files cover. @param {() => void} follower */
+export function follow_covers(follower) {
+  own.covers = follower;
+}
+
+/**
+ * Return what the chosen files of a source cover, as far as it is known.
+ * @param {SourceName} what
+ */
+export function covered(what) {
+  const files = kind_of(what).value === "files" ? typed(what).files ?? [] : [];
+  return files.flatMap((file) => (boxes.get(file) ?? []).filter(({ quantity }) => quantity === what).map(({ box }) => ({ file, box })));
 }
 
 /** @param {string} file */
 async function cover_of(file) {
-  /** @type {{sources: {quantity: string, box: [number, number, number, number], times: string[]}[]}} */
+  /** @type {{sources: Covered[]}} */
   const { sources } = await ask("/api/forcing", { file });
+  boxes.set(file, sources);
   /** @param {number} value */
   const edge = (value) => Number(value.toFixed(1));
   const told = sources.map(({ quantity, box: [west, south, east, north], times }) => {

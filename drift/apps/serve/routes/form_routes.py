@@ -133,6 +133,7 @@ class FormRoutes:
             post("form/set", self.set, record(text=TEXT, changes=CHANGES), record(text=TEXT), True),
             post("form/new", self.new, api.NOTHING, record(text=TEXT), True),
             post("check", self.check, record(**typed), MESSAGES, True),
+            post("domain", self.domain, record(**typed), record(box=or_null(BOX)), True),
             post("sketch", self.sketch, record(**typed), SKETCH, False),
             post("sketch/cancel", self.cancel, api.NOTHING, api.NOTHING, False),
             post("coast", self.coast, record(box=BOX, step=NUMBER), GEOJSON, True),
@@ -192,6 +193,12 @@ class FormRoutes:
             self._preparing.add(task)
             task.add_done_callback(self._preparing.discard)
         return told
+
+    async def domain(self, body: dict[str, Any]) -> Any:
+        """Return the box that a run of a text computes."""
+        return await self.typing.ask(
+            "domain", text=text_of(body, {"text", "name"}), path=self.path_of(body)
+        )
 
     async def sketch(self, body: dict[str, Any], user: str) -> Any:
         """Return a forecast of few particles; it takes the place of the user's one before it."""

@@ -36,6 +36,9 @@ const LOOKS = {
   find: { ink: "contact", width: 2, symbol: "circle", size: 6 },
   current: { ink: "current", width: 1.6, symbol: "arrow" },
   wind: { ink: "wind", width: 1.3, dash: [5, 2], symbol: "arrow" },
+  domain: { ink: "grey", width: 1.8, dash: [1, 4] },
+  covers_wind: { ink: "wind", width: 1.4, dash: [4, 4] },
+  covers_current: { ink: "current", width: 1.8, dash: [12, 5] },
   place: { ink: "ink", width: 1, symbol: "dot", size: 2.5 },
 };
 const DASHES = [[], [8, 3], [8, 3, 2, 3], [12, 4], [5, 2, 2, 2, 2, 2]]; // of areas, from the innermost; the outermost is dotted

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import hostile
+import netCDF4
 import pytest
 from desks import Server, until
 from ocean_servers import AXES, TABLE, ocean
@@ -40,6 +41,15 @@ def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
         )
         with Server((tmp_path / "cases").resolve()) as one:
             yield one
+
+
+BOX = """(look) => import("/assets/map.js").then((sea) => {
+  const layers = sea.chart.getLayers().getArray().filter((one) => one.getVisible() && one.getSource()?.getFeatures);
+  const found = layers.flatMap((one) => one.getSource().getFeatures()).find((one) => one.get("look") === look && one.get("box"));
+  if (!found) return null;
+  const [x0, y0, x1, y1] = found.getGeometry().getExtent();
+  return [...sea.map.inverse([x0, y0]), ...sea.map.inverse([x1, y1])];
+})"""  # west, south, east, north [deg] of a box on the map
 
 
 def test_a_current_is_fetched(browser: Any, served: Server) -> None:
@@ -83,5 +93,20 @@ def test_a_current_is_fetched(browser: Any, served: Server) -> None:
     ticked = page.locator("[data-rows=current] input:checked")
     assert ticked.get_attribute("value") == "raft-forcing/current-trial-*.nc"
     page.locator("[data-rows=current] small").get_by_text("current, 010").wait_for()
+    # the map has the box of the files, and that of the run
+    (path,) = (served.folder / "raft-forcing").glob("current-trial-*.nc")
+    with netCDF4.Dataset(path) as data:
+        lon, lat = data["lon"][:], data["lat"][:]
+    expected = [lon.min(), lat.min(), lon.max(), lat.max()]
+    until(lambda: page.evaluate(BOX, "covers_current"), 60)
+    assert page.evaluate(BOX, "covers_current") == pytest.approx(expected, abs=1e-6)
+    text = page.locator("#text").input_value()
+    box = served.json("POST", "/api/domain", {"text": text, "name": "raft.toml"})["box"]
+    assert page.evaluate(BOX, "domain") == pytest.approx(box, abs=1e-6)
+    assert expected[0] < box[0] < 1.3 < box[2] < expected[2]  # so much was fetched
+    page.locator("#layers > summary").click()
+    page.get_by_label("Domain of the run").uncheck()
+    assert page.evaluate(BOX, "domain") is None
+    assert page.evaluate(BOX, "covers_current") is not None
     assert outside == []
     context.close()

@@ -56,6 +56,8 @@ declare global {
   interface Entry { time: string; user: string; action: string; case: string | null; digest: string | null; result: string | null }
   interface News { you: string; guest: boolean; several: boolean; last: number; entries: Entry[] }
   type SourceName = "wind" | "current";
+  type Box = [west: number, south: number, east: number, north: number]; // [deg]
+  interface Covered { quantity: string; box: Box; times: string[] }
   interface SourceRow { time?: string; speed?: string; from?: string | number; toward?: string | number }
   interface Source extends SourceRow { kind: "" | "constant" | "table" | "files"; rows?: SourceRow[]; files?: string[] }
   type FieldValue = string | string[] | Source | null;
