@@ -174,6 +174,15 @@ def _init(backend: str, threads: int, device: Device | None) -> None:
         raise _not_started(backend, error) from error
 
 
+def close() -> bool:
+    """Write compiled kernels to the cache as the process ends.
+
+    Returns:
+        Whether the process may then end without a shutdown; a graphics card needs one.
+    """
+    return _started.get("backend") in (None, "cpu") and way.close()
+
+
 def _forsake() -> None:
     """Stop a forked copy of this process from freeing arrays of the card.
 

@@ -31,9 +31,11 @@ print(held.to_numpy())
 """
 
 
-def launched(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+def launched(
+    folder: Path, code: str = LAUNCH, **environment: str
+) -> subprocess.CompletedProcess[str]:
     """Return what a process does that starts Taichi and launches a kernel."""
-    (folder / "launch.py").write_text(LAUNCH, encoding="utf-8")
+    (folder / "launch.py").write_text(code, encoding="utf-8")
     own = {name: value for name, value in os.environ.items() if name != "XDG_CACHE_HOME"}
     return subprocess.run(
         [sys.executable, "launch.py"],
@@ -79,6 +81,17 @@ def test_a_lock_of_a_killed_process_does_not_close_the_cache(tmp_path: Path) -> 
     assert launched(tmp_path, **named).stdout == "[3. 3. 3.]\n"
     assert list(kept.glob("*.tic"))
     assert not lock.exists()
+
+
+@pytest.mark.thorough
+def test_a_process_that_skips_its_shutdown_keeps_its_kernels(tmp_path: Path) -> None:
+    """Only Taichi's own end writes them otherwise; what `atexit` is to do is done as well."""
+    code = LAUNCH + "\nimport atexit, sys\natexit.register(print, 'at exit')\n"
+    code += "from drift.apps.cli import commands\ncommands.main = lambda: 3\ncommands.leave()\n"
+    done = launched(tmp_path, code, TI_OFFLINE_CACHE_FILE_PATH=str(tmp_path / "kept"))
+    assert (done.returncode, done.stdout, done.stderr) == (3, "[3. 3. 3.]\nat exit\n", "")
+    assert list((tmp_path / "kept").glob("*.tic"))
+    assert list((tmp_path / "kept").glob("*.tcb"))
 
 
 @pytest.mark.parametrize(("age", "stays"), [(290, True), (310, False)])
