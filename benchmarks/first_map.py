@@ -2,16 +2,19 @@
 
     python benchmarks/first_map.py [CASE ...] [--times 3]
 
-Each case is that of a file, or a shipped one. It is asked of the page's own process, in its fence.
-*First*: the process has just started, and compiles what it needs. *Warm*: it is ready, as after a
-case has been opened. The first map of a case whose kind was not made before may still compile. The
-last columns divide the last warm map by its phases; the answer travels in the rest.
+Each case is that of a file, or a shipped one; `wide` is norkyst_raft in a domain of 40 by 20
+degrees. It is asked of the page's own process, in its fence. *At once*: the process has just
+started, and compiles what it needs. *Ready*: it has compiled that, as after the page has been
+opened. *Prepared*: it has also read the case, as while its text is typed; `preparing` is what that
+takes. The second map follows the first. The last column divides a second map by its phases; the
+answer travels in the rest.
 """
 
 import argparse
 import asyncio
 import os
 import statistics
+import tempfile
 import time
 from importlib import resources
 from pathlib import Path
@@ -26,35 +29,40 @@ from drift.apps.serve.jobs import Limits
 from drift.apps.serve.warm import Warm
 from drift.case import file as case_file
 
-CASES = ("overdue_boat", "norkyst_raft", "washington_piw")
+CASES = ("overdue_boat", "norkyst_raft", "washington_drums", "wide")
+WIDE = """
+[domain]
+west = "020W"
+east = "020E"
+south = "50N"
+north = "70N"
+"""
 
 
-async def asked(path: Path, times: int) -> tuple[float, float, list[float]]:
-    """Return the seconds of a first map without and with a warm process.
+async def asked(path: Path, ready: tuple[str, ...], times: int) -> tuple[float, float, float]:
+    """Return the seconds of the first maps of a process.
 
     Args:
         path: the case.
-        times: number of warm maps.
+        ready: what the process is asked before.
+        times: number of maps after the first.
 
     Returns:
-        Of the first map of a process that starts, of the first one of a warm process, and of those
-        after it.
+        Of the last request before, 0 without any, of the first map, and of those after it (median).
     """
     allowed = server._fence(path.parent.resolve(), [], [])
     request = {"text": path.read_text(encoding="utf-8"), "path": str(path)}
-    took = []
-    for ready in (False, True):
-        warm = Warm(path.parent.resolve(), allowed, Limits())
-        try:
-            if ready:
-                await warm.ask("warm")
-            for _ in range(1 + times * ready):
-                begun = time.perf_counter()
-                await warm.ask("sketch", **request)
-                took.append(time.perf_counter() - begun)
-        finally:
-            await warm.close()
-    return took[0], took[1], took[2:]
+    warm = Warm(path.parent.resolve(), allowed, Limits())
+    took = [0.0]
+    try:
+        for do in (*ready, *["sketch"] * (1 + times)):
+            begun = time.perf_counter()
+            await warm._ask(do, {} if do == "warm" else request)
+            took.append(time.perf_counter() - begun)
+    finally:
+        await warm.close()
+    first = 1 + len(ready)
+    return took[first - 1], took[first], statistics.median(took[first + 1 :])
 
 
 def phases(path: Path) -> dict[str, float]:
@@ -82,22 +90,40 @@ def main() -> None:
     options.add_argument("--times", type=int, default=3)
     given = smallest.parse(options, cases=[str(smallest.CASE)], times=1)
     table = Table(
-        "case", "first [s]", "first of a warm process [s]", "warm [s]", "where it goes [s]"
+        "case",
+        "at once [s]",
+        "ready",
+        "second",
+        "preparing",
+        "prepared",
+        "second",
+        "where it goes [s]",
     )
-    for name in given.cases:
-        path = (
-            Path(name)
-            if os.path.exists(name)
-            else Path(str(resources.files("cases"))) / f"{name}.toml"
-        )
-        if not path.exists():
-            smallest.lack(f"no case {name}; there are {', '.join(dict(case_file.shipped()))}")
-        cold, first, rest = asyncio.run(asked(path, given.times))
-        spent = ", ".join(f"{phase} {seconds:.2f}" for phase, seconds in phases(path).items())
-        table.add_row(
-            path.stem, f"{cold:.1f}", f"{first:.1f}", f"{statistics.median(rest):.1f}", spent
-        )
+    with tempfile.TemporaryDirectory() as folder:
+        for name in given.cases:
+            path = path_of(name, Path(folder))
+            at_once = asyncio.run(asked(path, (), 1))
+            ready = asyncio.run(asked(path, ("warm",), given.times))
+            prepared = asyncio.run(asked(path, ("warm", "prepare"), given.times))
+            spent = ", ".join(f"{phase} {seconds:.2f}" for phase, seconds in phases(path).items())
+            seconds = (at_once[1], *ready[1:], *prepared)
+            table.add_row(path.stem, *(f"{one:.1f}" for one in seconds), spent)
     Console(width=140).print(table)
+
+
+def path_of(name: str, folder: Path) -> Path:
+    """Return the path of a case by its name; that of the wide one is written to a folder."""
+    if os.path.exists(name):
+        return Path(name)
+    cases = Path(str(resources.files("cases")))
+    path = cases / f"{name}.toml"
+    if name == "wide":
+        path = folder / "wide.toml"
+        text = (cases / "norkyst_raft.toml").read_text(encoding="utf-8")
+        path.write_text(text + WIDE, encoding="utf-8")
+    if not path.exists():
+        smallest.lack(f"no case {name}; there are {', '.join(dict(case_file.shipped()))}")
+    return path
 
 
 if __name__ == "__main__":

@@ -130,10 +130,16 @@ def test_a_coast_is_shared_only_where_it_would_be_the_same(tmp_path: Path) -> No
     np.testing.assert_array_equal(own, other)
     exact = shapely.contains_xy(shapely.from_geojson((tmp_path / "land.json").read_text()), *here)
     assert (own == exact).mean() > 0.99  # but for who stands on the line
-    assert wide.coast(spec, asked, box) is None
-    assert near.coast(spec, asked, Box(-89.3, 26.7, -84.0, 28.6)) is None
-    # the prior reaches over its east
-    assert near.coast(spec, asked, Box(-89.3, 26.7, -88.0, 28.6)) is None
+    # the last one's east is crossed by the prior
+    beyond = Box(-89.3, 26.7, -84.0, 28.6), Box(-89.3, 26.7, -88.0, 28.6)
+    for region, one in ((wide, box), (near, beyond[0]), (near, beyond[1])):
+        land, own = region.coast(spec, asked, one)
+        assert own is not coast
+        assert land.box == shore.read_land(asked.coast.source, one, False).box
+        assert (own is None) == (land.polygons.size == 0)
+        assert own is None or own.shift == edges.build_coast(land, one).shift
+        assert region.coast(spec, asked, one)[1] is own  # made once
+        assert region.shore(own) is None  # of another region
 
 
 def test_no_land_is_shared_too(tmp_path: Path) -> None:

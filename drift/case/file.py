@@ -24,7 +24,7 @@ from drift.case.forcing.sources import SourceTable
 from drift.case.record import Case
 from drift.case.scenario import catalogue, family
 from drift.case.schema import CaseTable
-from drift.case.values import messages, mistakes, units
+from drift.case.values import messages, mistakes, toml_text, units
 from drift.case.values.mistakes import Mistakes
 from drift.engine.environment.forcing_spec import ForcingSpec
 from drift.engine.motion.steering.family import merge_lines
@@ -101,7 +101,7 @@ def load_text(
         UserError: all mistakes of the case, one line for each (`error.lines`).
     """
     try:
-        data = tomllib.loads(text)
+        data = toml_text.parse_toml(text)
     except (ValueError, RecursionError) as error:
         # tomllib raises these also for numbers of 5,000 digits and for 1,000 nested brackets
         raise UserError(_one_line(path, f"not valid TOML: {error}")) from None

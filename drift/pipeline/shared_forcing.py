@@ -4,7 +4,8 @@ Every case keeps the box, crop and grid that it would have alone, so its results
 Cases near each other have the same crop (environment.part); its slices are rotated, regridded and
 filled once. A coast does not depend on the origin of its grid as long as its cells have the finest
 size. A case gets its own coast if its prior reaches beyond the coast that it would have alone, or
-if the shared region is too wide for the finest cells.
+if the shared region is too wide for the finest cells. The last such coast is kept, for a case with
+the same box.
 """
 
 from collections.abc import Mapping, Sequence
@@ -74,6 +75,7 @@ class SharedRegion:
         self._cuts: dict[tuple[int, Box], Source] = {}
         self._finished = SliceCache()
         self._lands: dict[tuple[str, Any], tuple[Shore, shoreline.Coast | None]] = {}
+        self._own: dict[Any, tuple[Shore, shoreline.Coast | None]] = {}  # at most one
         self._shores: dict[int, tuple[shoreline.Coast, device_coast.DeviceCoast]] = {}
 
     def open_for(self, case: Case, datasets: Mapping[str, Any]) -> Environment:
@@ -95,11 +97,13 @@ class SharedRegion:
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the shared land and coast if they equal those of a case in its box, else None."""
-        if not lies_inside(domain.around(spec, 0.0, domain.FARTHEST), box) or not lies_inside(
-            box, self._coastal
+        """Return the land and coast of a case in its box: those of the region, if they are equal."""
+        if (
+            is_wide(self.box)
+            or not lies_inside(domain.around(spec, 0.0, domain.FARTHEST), box)
+            or not lies_inside(box, self._coastal)
         ):
-            return None
+            return self._own_coast(asked, box)
         key = asked.coast.source, asked.coast.lakes
         if key not in self._lands:
             land = shore.read_land(asked.coast.source, self._coastal, asked.coast.lakes)
@@ -108,7 +112,18 @@ class SharedRegion:
                 shoreline.build_coast(land, self._coastal) if land.polygons.size else None,
             )
         land, coast = self._lands[key]
-        return None if coast is not None and coast.shift != shoreline.FINEST else (land, coast)
+        if coast is not None and coast.shift != shoreline.FINEST:
+            return self._own_coast(asked, box)
+        return land, coast
+
+    def _own_coast(self, asked: EnvironmentSpec, box: Box) -> tuple[Shore, shoreline.Coast | None]:
+        """Return the land and coast that a case has alone in its box."""
+        key = asked.coast.source, asked.coast.lakes, box
+        if key not in self._own:
+            land = shore.read_land(asked.coast.source, box, asked.coast.lakes)
+            coast = shoreline.build_coast(land, box) if land.polygons.size else None
+            self._own = {key: (land, coast)}
+        return self._own[key]
 
     def shore(self, coast: shoreline.Coast | None) -> device_coast.DeviceCoast | None:
         """Return a shared coast uploaded to the device; None for a coast of another region."""
@@ -135,7 +150,7 @@ def share_regions(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Sh
         own = domain.bounds(run_setup.ensemble_spec(case), run_setup.environment_spec(case))
         for k, box in enumerate(boxes):
             joined = _smallest_common_box(box, own)
-            if (joined.east - joined.west) * (joined.north - joined.south) <= WIDEST:
+            if not is_wide(joined):
                 boxes[k] = joined
                 break
         else:
@@ -144,6 +159,11 @@ def share_regions(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Sh
         number.append(k)
     shared = [SharedRegion(box, files) for box in boxes]
     return [shared[k] for k in number]
+
+
+def is_wide(box: Box) -> bool:
+    """Return whether a box is so large that its coast may not have the finest cells."""
+    return (box.east - box.west) * (box.north - box.south) > WIDEST
 
 
 def _smallest_common_box(box: Box, other: Box) -> Box:

@@ -15,19 +15,21 @@ are great circles and a bend is (d0 east, d0 north, d1 east, d1 north) [m], rota
 of 0: see kernels.maths.sphere.meridian.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from kernels.maths import sphere
-from kernels.runtime import runtime
+from kernels.runtime import launch, runtime
 from kernels.step import life
 from kernels.step.coast import Ints, Reals
 
 MOST = 4.0 / 27.0  # the largest value of s (1 - s)^2
 CHORD = 5.0  # [m] a path that departs from its chord by less counts as straight
 
+Inside = Callable[[tuple[Any, Any], int, int, int], tuple[np.ndarray, np.ndarray]]
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 
@@ -203,3 +205,32 @@ def places(
         *at,
     )
     return at
+
+
+def bind_places(ensemble: Any, bend: Any, polar: bool) -> Inside:
+    """Return `places` for repeated calls with one ensemble, on the host: a sixth of the time.
+
+    Args:
+        ensemble: as for `places`.
+        bend: as for `places`.
+        polar: as for `places`.
+
+    Returns:
+        A function of (before, elapsed, duration, time), as `places` takes them, which returns lon
+        and lat [binary angle, int32], shape (n,) each.
+    """
+    e = ensemble
+    begin, at = (tuple(runtime.empty(e.n, ti.i32) for _ in range(2)) for _ in range(2))
+    columns = e.lon, e.lat, bend, e.status, e.release, e.status_since, e.moving_since
+    args = (polar, *begin, *columns, 0, 0, 0, *at)
+    launched = launch.bind(_places, args, ("elapsed", "duration", "time"))
+
+    def inside(
+        before: tuple[Any, Any], elapsed: int, duration: int, time: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        for own, given in zip(begin, before, strict=True):
+            runtime.copy(given, into=own)
+        launched(elapsed, duration, time)
+        return at[0].to_numpy(), at[1].to_numpy()
+
+    return inside

@@ -81,6 +81,20 @@ def test_it_opens_at_the_time_that_is_asked_for() -> None:
 def test_it_tells_what_is_ashore_and_where_if_that_is_most() -> None:
     found = words(9.96, 57.6, ashore=0.6)
     assert " most likely ashore near 57-3" in found
+    assert re.search(r"60.0 % is ashore, [\d.]+ % within 2.5 nmi of this place", found)
+    # what drifts lies 1 deg north of the town, where nothing strands
+    assert re.search(
+        r"Afloat it is most likely near 58-3\S+ 009-5\S+, \d+ nmi \S+ of \w+\.$", found
+    )
     assert "(near Hirtshals)" in found
     assert re.search(r"An area of \S+ nmi², with about \S+ nmi of coast, holds 50 %", found)
-    assert found.endswith("60.0 % is ashore.")
+
+
+def test_the_coast_stands_beside_the_sea_if_most_is_afloat() -> None:
+    """A twentieth is ashore: the cell with most of all is of the coast, but it is not named first."""
+    found = words(9.96, 57.6, ashore=0.05)
+    assert re.search(r"^At 231800ZNOV26 it is most likely near 58-3", found)
+    assert re.search(
+        r"5.0 % is ashore, most likely near 57-3\S+ \S+ \(near Hirtshals\): [1-5]\.\d % within 2.5 nmi\.$",
+        found,
+    )

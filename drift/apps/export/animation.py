@@ -6,8 +6,7 @@ import numpy as np
 import shapely
 import xarray as xr
 
-from drift.apps.export import checked
-from drift.apps.export.finished import CELLS, Finished
+from drift.apps.export.finished import Finished
 from drift.forecast.build import Contour, Forecast
 from drift.products.maps.imprint import Imprint, Setting
 from geo.array import Array
@@ -46,11 +45,7 @@ def _as_in_a_run(run: Finished) -> xr.Dataset:
     """Return forecast.nc with what is ashore, and with the names of scenarios and statuses as
     coordinates, as a run has them.
     """
-    data, path = run.cells(), run.folder / "forecast.nc"
-    left_out = [*CELLS, "probability_by_scenario"]
-    cells = {"probability_ashore": ("time", "lat", "lon")}
-    ashore = checked.dataset(path, left_out, cells)["probability_ashore"]
-    data = data.assign(probability_ashore=ashore)  # xarray takes the outputs that data has
+    data = run.cells_with_ashore()
     names = {"status_index": "status", "scenario_index": "scenario"}
     return data.swap_dims({index: name for index, name in names.items() if index in data.dims})
 

@@ -202,6 +202,14 @@ class Finished:
             if np.isfinite(lat) and np.isfinite(lon)
         ]
 
+    def cells_with_ashore(self) -> xr.Dataset:
+        """Return `cells` with the probability ashore in each; raise UserError if it is damaged."""
+        path = self.folder / "forecast.nc"
+        left_out = [*CELLS, "probability_by_scenario"]
+        wanted = {"probability_ashore": CELLS["probability"]}
+        ashore = checked.dataset(path, left_out, wanted)["probability_ashore"]
+        return self.cells().assign(probability_ashore=ashore)  # xarray takes the outputs it has
+
     def cells(self) -> xr.Dataset:
         """Return the forecast with checked grid cells; raise UserError if they are damaged."""
         path = self.folder / "forecast.nc"

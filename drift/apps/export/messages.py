@@ -14,6 +14,8 @@ import shapely
 from shapely.geometry import shape
 
 from drift.apps.export.finished import Finished
+from drift.forecast import likeliest_places
+from drift.forecast.likeliest_places import LikelyPlace
 from geo import notation
 from geo.errors import UserError
 
@@ -89,7 +91,7 @@ def _situation(run: Finished, time: np.datetime64) -> list[str]:
 
 
 def _position(run: Finished, time: np.datetime64) -> list[str]:
-    """Return the most probable position and how sure it is, by the areas of the output."""
+    """Return the mean position, the most likely places and how sure they are, by the areas."""
     lon, lat = _mean(run, time)
     areas = [
         f"{notation.short_percent(share)} within {properties['area_nmi2']:,.3g} nmi2"
@@ -97,7 +99,20 @@ def _position(run: Finished, time: np.datetime64) -> list[str]:
         if at == time
     ]
     when = notation.format_dtg(time)
-    return [f"mean of the forecast at {when} {notation.position(lon, lat)}", *areas]
+    return [
+        f"mean of the forecast at {when} {notation.position(lon, lat)}",
+        *map(_likely, likeliest_places.likeliest_places(run.cells_with_ashore().sel(time=time))),
+        *areas,
+    ]
+
+
+def _likely(place: LikelyPlace) -> str:
+    """Return a most likely place as text."""
+    where = notation.position(place.lon, place.lat)
+    if not place.ashore:
+        return f"most likely afloat {where}, {notation.short_percent(place.share)} is afloat"
+    reach = likeliest_places.REACH / notation.NMI
+    return f"most likely coast {where}, {notation.short_percent(place.share)} within {reach:g} nmi"
 
 
 def _mean(run: Finished, time: np.datetime64) -> tuple[float, float]:

@@ -160,7 +160,7 @@ def _pmtiles(path: Path, told: str) -> Chart:
         if held.startswith(b"\x1f\x8b"):
             unpacking = zlib.decompressobj(wbits=31)
             unpacking.decompress(held, LONGEST)
-            if unpacking.unconsumed_tail:
+            if not unpacking.eof:
                 raise ValueError("a directory is too large")
         return held
 

@@ -8,6 +8,7 @@ import errno
 import os
 import re
 import stat
+import unicodedata
 from pathlib import Path
 
 LONGEST = 100  # characters of a name
@@ -27,6 +28,11 @@ def plain(name: str) -> bool:
         and name[-1] not in " ."
         and not RESERVED.fullmatch(name)
     )
+
+
+def folded(name: str) -> str:
+    """Return what two names share that some system takes for one: case and Unicode form."""
+    return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
 
 
 def case(name: str) -> bool:

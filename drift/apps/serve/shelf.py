@@ -52,10 +52,19 @@ def save(folder: Path, name: str, text: str, before: str | None) -> str:
     before: the digest when it was read; None for a case that must not exist yet. Raises Conflict if
     the file has changed since then, and OSError if another server keeps the folder locked.
     """
+    return save_bytes(folder, name, text.encode("utf-8"), before)
+
+
+def save_bytes(folder: Path, name: str, data: bytes, before: str | None) -> str:
+    """Write a file as `save` does."""
     with hidden.folder_lock(folder, PATIENCE) as free:  # else two servers may both pass the check
         if not free:
             raise OSError(errno.EBUSY, "another program is writing to this folder; try again")
-        return _write_case(folder, name, text.encode("utf-8"), before)
+        if before is None and any(
+            names.folded(entry.name) == names.folded(name) for entry in entries(folder)
+        ):
+            raise Conflict  # or it overwrites the other where the folder is copied to
+        return _write_case(folder, name, data, before)
 
 
 def _write_case(folder: Path, name: str, data: bytes, before: str | None) -> str:

@@ -7,6 +7,7 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from drift.apps.serve.names import folded
 from geo.errors import UserError
 
 LONGEST = 40  # characters of a name
@@ -76,7 +77,10 @@ def users_of(users: Sequence[str], guests: Sequence[str]) -> tuple[User, ...]:
                     f'{option} "{name[:100]}": a name has letters, digits, spaces and . _ -, at '
                     f"most {LONGEST}"
                 )
-            if names.count(name) > 1:
-                raise UserError(f'{option} "{name}": the name is given twice; give each its own')
+            if sum(folded(one) == folded(name) for one in names) > 1:
+                raise UserError(
+                    f'{option} "{name}": the name is given twice (case does not count); give each '
+                    "its own"
+                )
     known = tuple(User(name) for name in users) or (User(),)
     return known + tuple(User(name, guest=True) for name in guests)

@@ -43,6 +43,7 @@ PATIENCE = {  # [s]
 }
 FIRST = 60.0  # [s] more, for a process that starts
 SKETCH = 180.0  # [s]
+TYPED = 0.5  # [s] without another text, after which it is worth while to prepare a first map
 GRACE = 2.0  # [s] that a process has to give up a cancelled sketch
 
 
@@ -66,6 +67,7 @@ class Warm:
         self._current: str | None = None  # request that the process works on
         self._owner = ""  # of the current request
         self._newest: dict[str, int] = {}  # number of the last sketch of each user
+        self._prepared = 0  # number of the last text for which a sketch is to be prepared
         self._closed = False
 
     async def ask(self, do: str, **values: Any) -> Any:
@@ -79,10 +81,32 @@ class Warm:
             raise Overtaken("too many requests are waiting")
         self._waiting += 1
         try:
+            self._stop_preparing()
             async with self._turn:
                 return await self._ask(do, values)
         finally:
             self._waiting -= 1
+
+    async def prepare(self, **values: Any) -> None:
+        """Have the process read ahead what a sketch needs, while it has nothing else to do.
+
+        One text at a time, of all users, and the newest takes the place of those before it. Any
+        request interrupts it.
+        """
+        self._prepared += 1
+        mine = self._prepared
+        await asyncio.sleep(TYPED)
+        if mine != self._prepared:
+            return
+        self._stop_preparing()
+        async with self._turn:
+            if mine == self._prepared and not self._waiting:
+                await self._ask("prepare", values)
+
+    def _stop_preparing(self) -> None:
+        process = self._process
+        if self._current == "prepare" and process is not None and process.stdin is not None:
+            process.stdin.write(b'"cancel"\n')
 
     async def ask_newest(self, do: str, user: str, **values: Any) -> Any:
         """Return the answer to a request, which takes the place of those of its user before it."""
@@ -92,6 +116,7 @@ class Warm:
         try:
             self._newest[user] = mine = self._newest.get(user, 0) + 1
             await self._give_up(user)
+            self._stop_preparing()
             async with self._turn:
                 if mine != self._newest.get(user):
                     raise Overtaken("a newer one took its place")
@@ -133,7 +158,7 @@ class Warm:
         if self._closed:
             raise Overtaken("the server ends")
         self._number += 1
-        patience = SKETCH if do in ("sketch", "warm") else PATIENCE[do]
+        patience = SKETCH if do in ("sketch", "warm", "prepare") else PATIENCE[do]
         try:
             if not self._alive():
                 patience += FIRST

@@ -11,14 +11,14 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from drift.case.values import units
 from drift.case.values.rows import Rows
-from drift.forecast import containment
+from drift.forecast import containment, likeliest_places
 from drift.products.files import publication, writer
 from geo import notation, sphere
 from geo.array import Array
@@ -28,7 +28,14 @@ from geo.notation import NMI
 
 FOUND = "found"  # name of a contact that reports the find
 SAME_PLACE, SAME_TIME = NMI, 3600.0  # [m, s] within which a contact counts as the find itself
-NEEDED = ("probability", "containment", "cell_area", "mean_lon", "mean_lat")
+NEEDED = (
+    "probability",
+    "probability_ashore",
+    "containment",
+    "cell_area",
+    "mean_lon",
+    "mean_lat",
+)
 
 
 @dataclass(frozen=True)
@@ -76,7 +83,10 @@ class Incident:
     find: Find
     nearest: np.datetime64  # nearest output that was used
     containment: float  # share of the smallest area that holds the find
-    separation: float  # [m] from the most likely place
+    separation: float  # [m] from the most likely place: afloat, or ashore if more is
+    ashore: bool  # whether that place is ashore, at the nearest output
+    from_coast: float  # [m] from the most likely stretch of coast; NaN: too little is ashore
+    coast_share: float  # probability of that stretch; NaN as before
     from_mean: float  # [m] from the mean position
     sorties: int  # sorties that had ended before the find
     pos: float  # their cumulative POS; 0 without sorties
@@ -186,14 +196,15 @@ def score_run(run: Run, find: Find, within: float) -> Incident:
     times = run.data["time"].values
     apart = np.array([_seconds(times[output], find.time) for output in used])
     weight = np.ones(1) if len(used) == 1 else 1 - np.abs(apart) / np.abs(apart).sum()
-    shares, from_likeliest, from_mean = [], [], []
+    shares, likely, from_mean = [], [], []
     for output in used:
         # The find moves with the map from its own time to that of the output.
         place = _carried(run, find, output, usable)
         (share,) = containment.containment_at(run.data, times[output], *place[:, None])
         shares.append(float(share))
-        from_likeliest.append(_apart(place, _likeliest(run, output)))
+        likely.append(_likeliest(run, output, place))
         from_mean.append(_apart(place, _mean(run, output)))
+    nearest = int(np.argmin(np.abs(apart)))
     outer = np.log(np.maximum(1 - np.array(shares), containment.LEAST))
     sorties, pos = _searched(run, find.time)
     return Incident(
@@ -202,9 +213,12 @@ def score_run(run: Run, find: Find, within: float) -> Incident:
         str(run.data.attrs["title"]),
         np.datetime64(run.summary["run"]["start"], "s"),
         find,
-        times[used[int(np.argmin(np.abs(apart)))]].astype("datetime64[s]"),
+        times[used[nearest]].astype("datetime64[s]"),
         1.0 if min(shares) >= 1 else float(1 - np.exp(weight @ outer)),
-        float(weight @ np.array(from_likeliest)),
+        float(weight @ np.array([one.apart for one in likely])),
+        likely[nearest].ashore,
+        float(weight @ np.array([one.from_coast for one in likely])),
+        float(weight @ np.array([one.coast_share for one in likely])),
         float(weight @ np.array(from_mean)),
         sorties,
         pos,
@@ -276,11 +290,21 @@ def _mean(run: Run, output: int) -> Array:
     return np.array([float(run.data[name].values[output]) for name in ("mean_lon", "mean_lat")])
 
 
-def _likeliest(run: Run, output: int) -> Array:
-    """Return the centre (lon, lat) [deg] of the cell with the highest density at an output."""
-    density = run.data["probability"].values[output] / run.data["cell_area"].values
-    row, column = np.unravel_index(int(np.argmax(density)), density.shape)
-    return np.array([run.data["lon"].values[column], run.data["lat"].values[row]])
+class _Likely(NamedTuple):
+    """How far a place is from the most likely places of an output."""
+
+    apart: float  # [m] from the first
+    ashore: bool  # whether the first is ashore
+    from_coast: float  # [m]; NaN without a stretch of coast
+    coast_share: float
+
+
+def _likeliest(run: Run, output: int, place: Array) -> _Likely:
+    """Return how far a place (lon, lat) [deg] is from the most likely ones of an output."""
+    found = likeliest_places.likeliest_places(run.data.isel(time=output))
+    apart = [_apart(place, np.array([one.lon, one.lat])) for one in found]
+    coast = [(far, one.share) for far, one in zip(apart, found, strict=True) if one.ashore]
+    return _Likely(apart[0], found[0].ashore, *(coast[0] if coast else (np.nan, np.nan)))
 
 
 def _carried(run: Run, find: Find, output: int, usable: Array) -> Array:

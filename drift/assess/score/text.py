@@ -45,9 +45,14 @@ def _incident_in_words(one: Incident) -> str:
         if one.containment >= 1
         else f"in the {notation.percent(one.containment)} area"
     )
+    coast = (
+        f" ({one.from_coast / NMI:.1f} nmi from the likeliest coast, {notation.percent(one.coast_share)})"
+        if np.isfinite(one.from_coast) and not one.ashore
+        else ""
+    )
     return (
         f"found {notation.format_dtg(one.find.time)} {inside}, {one.separation / NMI:.1f} nmi from "
-        f"the most likely place; {searched}; nearest output {when} the find"
+        f"the most likely place{' (ashore)' * one.ashore}{coast}; {searched}; nearest output {when} the find"
     )
 
 
@@ -74,6 +79,8 @@ def score_csv(score: Score, run: str) -> str:
             "nearest_output": one.nearest,
             "containment": one.containment,
             "separation_nmi": one.separation / NMI,
+            "separation_coast_nmi": one.from_coast / NMI,
+            "coast_share": one.coast_share,
             "separation_mean_nmi": one.from_mean / NMI,
             "sorties": one.sorties,
             "pos_cumulative": one.pos,
@@ -81,6 +88,11 @@ def score_csv(score: Score, run: str) -> str:
         for one in score.incidents
     ]
     return formats.csv_rows(rows, run=run, digits=".7g")
+
+
+def _number(value: float) -> float | None:
+    """Return None for NaN: a file has no such number."""
+    return None if np.isnan(value) else value
 
 
 def summary_of_score(score: Score) -> dict[str, Any]:
@@ -95,6 +107,9 @@ def summary_of_score(score: Score) -> dict[str, Any]:
                 "time": one.find.time,
                 "containment": one.containment,
                 "separation_m": one.separation,
+                "likeliest_ashore": one.ashore,
+                "separation_coast_m": _number(one.from_coast),
+                "coast_share": _number(one.coast_share),
                 "separation_mean_m": one.from_mean,
                 "sorties": one.sorties,
                 "cumulative_pos": one.pos,

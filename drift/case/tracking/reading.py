@@ -27,6 +27,7 @@ from geo.files import dataset, small
 from geo.forcing.quantity import velocities
 
 LARGEST = 1024 * 2**20  # [bytes] largest CSV file
+MOST_UNPACKED = 200  # a netCDF file in memory, as a multiple of the file
 NAMES = {  # common names of columns, in lower case without spaces, underscores and hyphens
     "id": (
         "id",
@@ -280,6 +281,7 @@ def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     """Return the tracks of a netCDF file; raise ValueError if it has none."""
     try:
         with dataset.open_local(path, decode_timedelta=False) as data:
+            _check_unpacked(data, path)
             return _tracks(data.load(), path, wanted)
     except OSError as error:
         if "Unknown file format" in str(error):
@@ -291,6 +293,17 @@ def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
         raise
     except Exception as error:  # libraries raise errors of all kinds over damaged files
         raise ValueError(f"cannot be read ({type(error).__name__}: {error})") from error
+
+
+def _check_unpacked(data: xr.Dataset, path: Path) -> None:
+    """Reject a file that is far larger in memory than on disk: cells that were never written."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    packed = sum(one.stat().st_size for one in files)
+    if data.nbytes > max(LARGEST, MOST_UNPACKED * packed):
+        raise ValueError(
+            f"has {packed:,} bytes, and {data.nbytes:,} in memory; at most {LARGEST:,} or "
+            f"{MOST_UNPACKED} times its size are read: is it empty for the most part?"
+        )
 
 
 def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:

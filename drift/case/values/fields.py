@@ -26,6 +26,8 @@ from drift.case.values import units
 # a direction with its reference: true (T) or magnetic (M) north
 NORTH = re.compile(r"([\d.]+)\s*°?\s*([TM])(?:RUE|AG\.?|AGNETIC)?", re.IGNORECASE)
 
+MOST_UNKNOWN = 20  # unknown keys of a table that are named, each compared with all known ones
+
 # 16 points of the compass, clockwise from north
 COMPASS = "N NNE NE ENE E ESE SE SSE S SSW SW WSW W WNW NW NNW"
 
@@ -64,7 +66,8 @@ class Table(BaseModel):
             cls.old_keys.get(key, key): value for key, value in data.items() if key not in twice
         }
         strange = [str(key) for key in data if str(key) not in known]
-        unknown = {key: difflib.get_close_matches(key, known, n=1, cutoff=0.6) for key in strange}
+        listed, more = strange[:MOST_UNKNOWN], len(strange) - MOST_UNKNOWN
+        unknown = {key: difflib.get_close_matches(key, known, n=1, cutoff=0.6) for key in listed}
         if not unknown and not twice:
             return handler(data)
         wrong = [
@@ -91,6 +94,7 @@ class Table(BaseModel):
             f'unknown key "{key}"; {hint}{"A" if hint else "a"}llowed: {", ".join(known)}'
             for key, hint in hints.items()
         ]
+        wrong += [f"and {more:,} more unknown keys"] if more > 0 else []
         meant = {near[0] for near in unknown.values() if near}
         other: list[InitErrorDetails] = []
         try:

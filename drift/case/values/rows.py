@@ -10,6 +10,7 @@ from geo.errors import UserError
 from geo.files import small
 
 LARGEST = 10_000_000  # [bytes]
+MOST_COLUMNS = 1000
 
 
 class Rows:
@@ -42,6 +43,11 @@ class Rows:
         )
         delimiter = max(",;\t", key=header.count)
         self._reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+        if header.count(delimiter) >= MOST_COLUMNS:
+            raise UserError(
+                f"{self.name}: the header has {header.count(delimiter) + 1:,} columns; a table has "
+                f"at most {MOST_COLUMNS:,}: is it one line of another kind of file?"
+            )
         names = next((row for row in self._rows() if not row[0].lower().startswith("sep=")), [])
         while names and not names[-1]:
             names.pop()

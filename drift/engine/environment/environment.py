@@ -144,8 +144,8 @@ def open_for(
     shown = tuple(opened.values())
     base = tuple(source for source in shown if (source.quantity, source.name) not in added)
     coastal = coastline.coast_box(spec, box, base)
-    shared = common.coast(spec, asked, coastal) if common else None
     try:
+        shared = common.coast(spec, asked, coastal) if common else None
         land, coast = coastline.open_coast(spec, asked.coast, coastal, seen, shared)
     except UserError as error:
         raise UserError(*wrong, *error.lines) from None

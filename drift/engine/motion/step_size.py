@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from drift.engine.motion.clock import NEVER, Clock, lattice, off_lattice_times
+from drift.engine.motion.clock import NEVER, Clock, Timed, lattice, off_lattice_times
 from drift.engine.motion.errors.forcing_error import Errors
 from drift.engine.motion.period import ClockSpec, Period
 from drift.engine.motion.scene import Begin, Scene
@@ -120,7 +120,7 @@ def clock_of(
         )
     step, straight = spec.step, NEVER
     if evidence:
-        march = _March(ensemble, scene, run, [step], origin, times)
+        march = _March(ensemble, scene, run, [step], origin, times, [step])
         straight = min(found.straight(step) for found in march.windows())
     return _stepping(run, step, origin, times, straight), None
 
@@ -198,7 +198,7 @@ def choose_step(
         if not rungs:
             break
         steps = sorted({*rungs, *(_half(s) for s in rungs)}, reverse=True)
-        for found in _March(ensemble, scene, clock, steps, origin, times).windows():
+        for found in _March(ensemble, scene, clock, steps, origin, times, rungs).windows():
             for step in rungs:
                 errors[step] = max(errors.get(step, 0.0), found.error(step))
                 straight[step] = min(straight.get(step, NEVER), found.straight(step))
@@ -254,8 +254,19 @@ class _March:
         steps: list[int],
         origin: int,
         times: Sequence[Times],
+        judged: Sequence[int],
     ) -> None:
-        """Take the sample; steps [s]: descending, each step of a pair followed by its half."""
+        """Take the sample.
+
+        Args:
+            ensemble: of the run.
+            scene: of the run.
+            run: its clock.
+            steps: [s] descending, each step of a pair followed by its half.
+            origin: [s since 1970] a point of the lattice.
+            times: of sources [s since 1970], at which steps are split.
+            judged: those of the steps whose errors and straightness are asked for.
+        """
         chosen = np.unique(
             np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64)
         )
@@ -263,6 +274,9 @@ class _March:
         self._clocks = {step: _stepping(run, step, origin, times) for step in steps}
         self._trials = {step: record.sample(ensemble, chosen) for step in steps}
         self._stretch = int(np.lcm.reduce(steps))
+        self._judged = frozenset(judged)
+        self._waiting: dict[int, list[Timed]] = {step: [] for step in steps}
+        self._inside: dict[int, curve.Inside] = {}
         first = self._trials[steps[-1]]
         self._lon, self._lat, self._release = (
             first.lon.to_numpy(),
@@ -312,32 +326,38 @@ class _March:
             for low, high, step in clock.steps():
                 if begin < step.elapsed + step.duration and step.elapsed < end:
                     together = self._run.direction * ((low - self._origin) // self._stretch)
-                    plan.append((together, -size, step.elapsed, low, high, step))
+                    plan.append((together, -size, step.elapsed, Timed(low, high, step)))
         inside, bulges = (dict.fromkeys(self._clocks, 0.0) for _ in range(2))
         # by half: when and where, by the whole
         awaited: dict[int, tuple[int, int, Array, Array, Array]] = {}
         seen: set[tuple[int, int]] = set()
         ends: dict[int, tuple[Array, Array, Array]] = {}
-        for together, minus, _, low, high, step in sorted(plan):
-            size, trial = -minus, self._trials[-minus]
-            first = (together, size) not in seen
-            seen.add((together, size))
-            is_last = step.elapsed + step.duration >= end
-            kept = self._scene.advance(trial, low, high, step, keep=first or is_last)
-            status = trial.status.to_numpy()
+        stretch: tuple[int, Timed] | None = None
+        for together, minus, _, timed in sorted(plan):
+            if stretch is None or stretch[0] != together:
+                self._keep_pace(stretch and stretch[1], timed)
+                stretch = together, timed
+            step, size, trial = timed.step, -minus, self._trials[-minus]
             over = step.elapsed + step.duration
+            first = size in self._judged and (together, size) not in seen
+            seen.add((together, size))
+            is_last = over >= end
+            kept = self._move(size, timed, keep=first or over > end)
+            if not (kept or is_last or (size in awaited and awaited[size][0] == over)):
+                continue
+            self._catch_up(size)
+            status = trial.status.to_numpy()
             if kept is not None:
                 bulges[size] = max(bulges[size], _bulge(kept, trial.lat.to_numpy(), status))
                 middle = step.elapsed + _half(size)
                 if _half(size) in self._trials and middle < over:
-                    awaited[_half(size)] = (
-                        middle,
-                        size,
-                        *_places(trial, kept, step, middle),
-                        status,
-                    )
-                if is_last:
-                    ends[size] = (*_places(trial, kept, step, end), status)
+                    places = self._places(size, kept, step, middle)
+                    awaited[_half(size)] = (middle, size, *places, status)
+            if is_last:
+                places = trial.lon.to_numpy(), trial.lat.to_numpy()
+                if over > end and kept is not None:
+                    places = self._places(size, kept, step, end)
+                ends[size] = (*places, status)
             if size in awaited and awaited[size][0] == over:
                 _, whole, lon, lat, other = awaited.pop(size)
                 both = (status == Status.ADRIFT) & (other == Status.ADRIFT)
@@ -348,13 +368,61 @@ class _March:
         self._afloat(*ends[min(self._trials)])
         return _Window(ends, days, inside, bulges)
 
+    def _move(self, size: int, timed: Timed, keep: bool) -> Begin | None:
+        """Move a trial over a step; without `keep`, only once something needs its positions.
 
-def _places(trial: Ensemble, kept: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
-    """Return lon, lat [binary angle] of particles at a time inside the last step, (m,)."""
-    lon, lat = curve.places(
-        trial, (kept.lon, kept.lat), kept.bend, step.elapsed, step.duration, time, kept.polar
-    )
-    return lon.to_numpy(), lat.to_numpy()
+        Steps between the same slices then take one launch, which costs more than the work in it.
+        """
+        if not keep and self._joins(size, timed):
+            self._waiting[size].append(timed)
+            return None
+        self._catch_up(size)
+        if keep:
+            return self._scene.advance(self._trials[size], *timed, keep=True)
+        self._waiting[size].append(timed)
+        return None
+
+    def _joins(self, size: int, timed: Timed) -> bool:
+        """Return whether a step takes one launch with the steps of its trial that wait.
+
+        Steps that wait lie between the same slices: see `_keep_pace`, and inside a stretch there is
+        no time of a source but those that split a step.
+        """
+        waiting, step = self._waiting[size], timed.step
+        if not waiting:
+            return True
+        last = waiting[-1].step
+        return (
+            step.duration == last.duration
+            and step.number == last.number + step.direction
+            and len(waiting) < self._scene.at_once(self._trials[size])
+        )
+
+    def _catch_up(self, size: int) -> None:
+        """Move a trial over the steps that wait."""
+        waiting = self._waiting[size]
+        if waiting:
+            self._scene.advance(self._trials[size], *waiting[0], count=len(waiting))
+            waiting.clear()
+
+    def _keep_pace(self, before: Timed | None, timed: Timed) -> None:
+        """Move all trials to the end of a stretch, unless the next has the same slices.
+
+        Otherwise a trial would want slices that the others have done with.
+        """
+        if before is None or not self._scene.forcing.same_slices(
+            (before.low, before.high), (timed.low, timed.high)
+        ):
+            for size in self._trials:
+                self._catch_up(size)
+
+    def _places(self, size: int, kept: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
+        """Return lon, lat [binary angle] of a trial at a time inside its last step, (m,)."""
+        if size not in self._inside:
+            self._inside[size] = curve.bind_places(self._trials[size], kept.bend, kept.polar)
+        before = kept.lon, kept.lat
+        lon, lat = self._inside[size](before, step.elapsed, step.duration, time)
+        return lon, lat
 
 
 def _distances(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:
@@ -364,11 +432,13 @@ def _distances(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Ar
 
 def _bulge(kept: Begin, lat: Array, status: Array) -> float:
     """Return the largest distance of drifting particles' tracks from their chords [m]."""
-    off = curve.MOST * np.abs(kept.bend.to_numpy()).reshape(-1, 2, 2).sum(axis=1)
+    bend = np.abs(kept.bend.to_numpy()).reshape(-1, 4)
+    x, y = (curve.MOST * (bend[:, k] + bend[:, k + 2]) for k in (0, 1))
     if not kept.polar:
-        off *= sphere.UNIT * sphere.RADIUS
-        off[:, 0] *= np.cos(lat * sphere.UNIT)
-    return float(np.hypot(*off.T)[status == Status.ADRIFT].max(initial=0.0))
+        x *= sphere.UNIT * sphere.RADIUS
+        y *= sphere.UNIT * sphere.RADIUS
+        x *= np.cos(lat * sphere.UNIT)
+    return float(np.hypot(x, y)[status == Status.ADRIFT].max(initial=0.0))
 
 
 def _half(step: int) -> int:

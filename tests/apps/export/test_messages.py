@@ -25,6 +25,17 @@ PLAN = [
 ]  # fmt: skip
 
 
+def cells() -> xr.Dataset:
+    """Two cells, one afloat and one on the coast 70 km east of it, the same at all times."""
+    afloat, ashore = np.array([[0.93, 0.0]]), np.array([[0.0, 0.07]])
+    at = {
+        "probability": (("time", "lat", "lon"), np.stack([afloat + ashore] * len(TIMES))),
+        "probability_ashore": (("time", "lat", "lon"), np.stack([ashore] * len(TIMES))),
+        "cell_area": (("lat", "lon"), np.ones((1, 2))),
+    }
+    return xr.Dataset(at, {"time": TIMES, "lat": [39.9], "lon": [-29.6, -28.8]})
+
+
 def finished(plan: Any = (), means: int = 3) -> Any:
     """Return a result as exports read it."""
     geometry = {"type": "MultiPolygon", "coordinates": BOX}
@@ -33,6 +44,7 @@ def finished(plan: Any = (), means: int = 3) -> Any:
         words="run 1-s1",
         folder=Path("out"),
         forecast=xr.Dataset(coords={"time": TIMES, "scenario": ["raft", "yacht"]}),
+        cells_with_ashore=cells,
         features=lambda name: [{"properties": own, "geometry": geometry} for own in plan],
         search=lambda: [{"properties": own} for own in SEARCH],
         positions=lambda name: [(t, -29.65 + 0.1 * k, 39.95) for k, t in enumerate(TIMES[:means])],
@@ -60,7 +72,9 @@ def test_a_report_has_the_sections_of_the_standard_format() -> None:
         == "A. IDENTITY OF CASUALTY: YACHT ??RKA ?BERF?LLIG. NAME, CALL SIGN, FLAG ____"
     )
     assert by_letter["B"] == (
-        "B. POSITION: MEAN OF THE FORECAST AT 052100ZMAR26 39-57.0N 029-27.0W. 50 % WITHIN 617 NMI2. 95 % WITHIN 1.17E+03 NMI2"
+        "B. POSITION: MEAN OF THE FORECAST AT 052100ZMAR26 39-57.0N 029-27.0W. "
+        "MOST LIKELY AFLOAT 39-54.0N 029-36.0W, 93 % IS AFLOAT. "
+        "MOST LIKELY COAST 39-54.0N 028-48.0W, 7.0 % WITHIN 2.5 NMI. 50 % WITHIN 617 NMI2. 95 % WITHIN 1.17E+03 NMI2"
     )
     assert by_letter["G"].startswith("G. DESCRIPTION OF CASUALTY: POSSIBLE: RAFT. POSSIBLE: YACHT.")
     assert by_letter["J"] == (

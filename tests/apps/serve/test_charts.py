@@ -98,18 +98,14 @@ def test_a_view_is_a_table_too_and_one_that_never_ends_is_given_up(
 def test_a_directory_that_unpacks_to_too_much_is_no_tile(tmp_path: Path) -> None:
     path = chart_files.pmtiles(tmp_path / "a.pmtiles", TILES)
     whole = path.read_bytes()
-    root = gzip.compress(bytes(charts.LONGEST + 1))
-    length = int.from_bytes(whole[16:24], "little")
-    assert len(root) > length  # it stands over the metadata, which is not read again
+    begin, length = (int.from_bytes(whole[k : k + 8], "little") for k in (8, 16))
+    listed = gzip.decompress(whole[begin : begin + length])
     opened = charts.open_chart(path)
-    path.write_bytes(
-        whole[:16]
-        + len(root).to_bytes(8, "little")
-        + whole[24:127]
-        + root
-        + whole[127 + len(root) :]
-    )
-    assert opened.tile(0, 0, 0) is None
+    for more, expected in ((0, ("image/png", RED)), (charts.LONGEST, None)):
+        root = gzip.compress(listed + bytes(more))  # the same tiles, and nothing behind them
+        place = len(whole).to_bytes(8, "little"), len(root).to_bytes(8, "little")
+        path.write_bytes(whole[:8] + b"".join(place) + whole[24:] + root)
+        assert opened.tile(0, 0, 0) == expected
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,10 @@ def test_what_is_compared_with_another_run(folder: Path, cells: Any) -> None:
     """The densest cell, the share ashore and the particles at each time, as the files have them."""
     told = ask("result", folder, scenario=None)
     density = (cells["probability"] / cells["cell_area"]).values
-    for k, (lon, lat) in enumerate(told["likely"]):
+    assert not cells["probability_ashore"].any()
+    for k, (only,) in enumerate(told["likely"]):
+        assert not only["ashore"]
+        lon, lat = only["at"]
         row, column = np.argwhere(density[k] == density[k].max())[0]
         assert lat == pytest.approx(float(cells["lat"][row]), abs=5e-5)
         assert abs((lon - float(cells["lon"][column]) + 180) % 360 - 180) < 5e-5

@@ -14,6 +14,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from geo.coast import gshhg, shore
 from geo.errors import UserError
 
 PARTICLES = 10_000  # of a sketch
+AHEAD = 200  # particles of the one that is made ahead, to compile what its case needs
 DRAWN = 2000  # of them, on the map
 AREAS = "[50, 75, 95]"
 MOST_OUTPUTS = 9  # of a sketch: the maps of many outputs take most of its time
@@ -139,23 +141,13 @@ def _check(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
 
 def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     """Return the forecast of a few particles, as the map of the desk shows it."""
-    from drift.apps.serve.answers import sketch_waters
     from drift.engine.particles.status import Status
     from drift.forecast.products import headline
-    from drift.pipeline import flow, run_options
+    from drift.pipeline import flow
     from drift.products.files import geojson
 
-    path, text = Path(request["path"]), request["text"]
-    few = {"particles": str(PARTICLES)}
-    if "spill" in form.parse_text(text):
-        few = washup_answers.SKETCH
-    overrides = {**few, "output.trajectories": str(DRAWN), "output.areas": AREAS}
-    case = case_file.load_text(path, text, overrides)
-    case = replace(case, outputs=few_outputs(case.outputs, case.opens))
-    job = run_options.open_job(
-        case, run_options.Options(report=tell), sketch_waters.region_of(case)
-    )
-    result = flow.forecast_job(job)
+    job, opens = _open_sketch(request, tell)
+    case, result = job.case, flow.forecast_job(job)
     data, tracks = result.forecast.data, result.trajectories
     times = [f"{time.astype('datetime64[s]')}Z" for time in data["time"].values]
     areas = [
@@ -167,13 +159,12 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         "title": case.title,
         "number": case.particles,
         **result_answers.probabilities(data, len(times)),
-        "words": washup_answers.words_of_sketch(result)
-        or headline.forecast_headline(data, result.setting.opens),
+        "words": washup_answers.words_of_sketch(result) or headline.forecast_headline(data, opens),
         "warnings": list(result.summary["warnings"]),
         "times": times,
-        "opens": None if result.setting.opens is None else f"{result.setting.opens}Z",
+        "opens": None if opens is None else f"{opens.astype('datetime64[s]')}Z",
         "areas": geojson.collection(areas, {}),
-        "likely": [result_answers.likeliest_place(data.isel(time=k)) for k in range(len(times))],
+        "likely": [result_answers.likely_at(data.isel(time=k)) for k in range(len(times))],
         "statuses": [status.name.lower() for status in sorted(Status)],
         "particles": {
             "lon": lon.T.tolist(),
@@ -182,6 +173,67 @@ def _sketch(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         },
         "washup": washup_answers.washup_of_sketch(result),
     }
+
+
+def _open_sketch(
+    request: Mapping[str, Any], tell: Tell, particles: int = PARTICLES
+) -> tuple[Any, np.datetime64 | None]:
+    """Return the job (`drift.pipeline.run_options.Job`) of a first map, and when that opens."""
+    from drift.apps.serve.answers import sketch_waters
+    from drift.pipeline import run_options
+
+    path, text = Path(request["path"]), request["text"]
+    few = {"particles": str(particles)}
+    if "spill" in form.parse_text(text):
+        few = washup_answers.SKETCH
+    overrides = {**few, "output.trajectories": str(DRAWN), "output.areas": AREAS}
+    case = case_file.load_text(path, text, overrides)
+    opens = case.opens if case.opens is not None else present(case.outputs, _now())
+    case = replace(case, outputs=few_outputs(case.outputs, opens))
+    region = sketch_waters.region_of(case)
+    return run_options.open_job(case, run_options.Options(report=tell), region), opens
+
+
+def _prepare(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    """Read and compile what the first map of a text needs, up to its maps.
+
+    It is asked for while a text is typed: mistakes are not its business.
+    """
+    from drift.apps.serve.answers import sketch_waters
+    from drift.pipeline import flow
+
+    def stop_at_maps(phase: str, share: float) -> None:
+        tell(phase, share)
+        if phase == "map":
+            raise _Prepared
+
+    with contextlib.suppress(UserError, _Prepared):
+        job, _ = _open_sketch(request, stop_at_maps, AHEAD)
+        if sketch_waters.read_ahead(job.case, job.where, tell):
+            flow.forecast_job(job)
+    return {}
+
+
+class _Prepared(Exception):
+    """What a first map needs is ready."""
+
+
+def _now() -> np.datetime64:
+    """Return the present [UTC]."""
+    return np.datetime64(datetime.now(UTC).replace(tzinfo=None), "s")
+
+
+def present(outputs: Times, now: np.datetime64) -> np.datetime64 | None:
+    """Return the output nearest to the present; None if that is before the first or after the last.
+
+    Args:
+        outputs: in order of the run, shape (n,).
+        now: the present.
+    """
+    if not outputs.min() <= now <= outputs.max():
+        return None
+    nearest: np.datetime64 = outputs[int(np.argmin(np.abs(outputs - now)))]
+    return nearest
 
 
 def few_outputs(outputs: Times, opens: np.datetime64 | None) -> Times:
@@ -247,7 +299,18 @@ def _export(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
 
 
 def _warm(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
-    """Compile what a sketch needs, with a small case of its own."""
+    """Compile what a sketch needs, with small cases of its own."""
+    for text in warm_texts():
+        with contextlib.suppress(UserError):
+            _sketch({"path": "warm.toml", "text": text}, tell)
+    return {}
+
+
+def warm_texts() -> tuple[str, str]:
+    """Return a case with a typed wind and current, and the same with the errors of a model's.
+
+    Only these have a bias, and kernels are compiled without the terms that a case does not have.
+    """
     text = form.set_fields(
         form.new_text(np.datetime64("2026-11-21T18:30", "s")),
         [
@@ -258,10 +321,9 @@ def _warm(request: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
             {"field": "current", "value": {"kind": "constant", "speed": "1 kn", "toward": 75}},
         ],
     )
-    text += WARM_SEARCH
-    with contextlib.suppress(UserError):
-        _sketch({"path": "warm.toml", "text": text}, tell)
-    return {}
+    typed = 'current = {std = "0.3 m/s", time = "11 h"'
+    modelled = text.replace(typed, f'{typed}, bias = "0.1 m/s"')
+    return text + WARM_SEARCH, modelled + WARM_SEARCH
 
 
 ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
@@ -269,6 +331,7 @@ ANSWERS: dict[str, Callable[[Mapping[str, Any], Tell], dict[str, Any]]] = {
     "set": _set,
     "check": _check,
     "sketch": _sketch,
+    "prepare": _prepare,
     "coast": _coast,
     "forcing": _forcing,
     "note": lambda request, tell: note_answers.note(request),

@@ -11,11 +11,10 @@ import xarray as xr
 
 from drift.apps.serve import names, shelf
 from drift.engine.particles.status import Status
-from drift.forecast import by_scenario
+from drift.forecast import by_scenario, likeliest_places
 from drift.forecast.build import Contour, Forecast
 from drift.forecast.products import dataset, headline
 from drift.products.files import geojson
-from geo import sphere
 from geo.errors import UserError
 from geo.files import fence
 from geo.notation import NMI
@@ -34,8 +33,9 @@ def result(request: Mapping[str, Any]) -> dict[str, Any]:
     Returns:
         `times`; `scenarios`, each with its name and its probability at each time; `areas`, those of
         the scenario if it is the true one. Of all scenarios together: `words`, the first sentences
-        of the report; `likely`, the most likely place at each time; `ashore`, the probability that
-        it is ashore at each time; and `particles`, some of them, if the result holds any.
+        of the report; `likely`, the most likely places at each time (afloat, and on the coast);
+        `ashore`, the probability that it is ashore at each time; and `particles`, some of them, if
+        the result holds any.
     """
     with _opened(request) as data:
         opens = _opens(request)
@@ -47,7 +47,7 @@ def result(request: Mapping[str, Any]) -> dict[str, Any]:
             raise UserError(f"{request['run']}: has no scenario {str(wanted)[:100]!r}")
         areas = [] if wanted is None else list(_areas(data, wanted, times))
         words = headline.forecast_headline(data, opens)
-        likely = [likeliest_place(data.isel(time=k)) for k in range(len(times))]
+        likely = [likely_at(data.isel(time=k)) for k in range(len(times))]
         told = probabilities(data, len(times))
     return {
         "times": times,
@@ -77,18 +77,23 @@ def probabilities(data: xr.Dataset, count: int) -> dict[str, Any]:
     return {"scenarios": scenarios, "ashore": ashore.astype(np.float64).round(6).tolist()}
 
 
-def likeliest_place(at: xr.Dataset) -> list[float] | None:
-    """Return the centre [deg] of the densest cell; None if nothing is on the map.
+def likely_at(at: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the most likely places at an output, the likelier one first.
 
     Args:
         at: one output of a forecast.
+
+    Returns:
+        Each with the place `at` [deg], whether it is `ashore`, and its `share`.
     """
-    density = at["probability"].values / at["cell_area"].values
-    if not density.sum() > 0:
-        return None
-    row, column = np.unravel_index(int(density.argmax()), density.shape)
-    lon, lat = float(at["lon"].values[column]), float(at["lat"].values[row])
-    return [round(float(sphere.wrap_degrees(lon)), 4), round(lat, 4)]
+    return [
+        {
+            "at": [round(place.lon, 4), round(place.lat, 4)],
+            "ashore": place.ashore,
+            "share": round(place.share, 6),
+        }
+        for place in likeliest_places.likeliest_places(at)
+    ]
 
 
 def _opens(request: Mapping[str, Any]) -> np.datetime64 | None:

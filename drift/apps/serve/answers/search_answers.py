@@ -33,13 +33,14 @@ def search(request: Mapping[str, Any]) -> dict[str, Any]:
         request: `text` of a case, and its `path`.
 
     Returns:
-        What `search_fields.read_rows` returns, and `shapes`: of each sortie and contact by its
-        number in the text, if the case can be read; `search_objects` of the sweep width tables.
+        What `search_fields.read_rows` returns, and `shapes`: of each sortie, contact and base of a
+        unit by its number in the text, if the case can be read; `search_objects` of the sweep
+        width tables.
     """
     path, text = Path(request["path"]), request["text"]
     data = form.parse_text(text)
     told = search_fields.read_rows(data)
-    found: dict[str, dict[int, Any]] = {"sortie": {}, "contact": {}}
+    found: dict[str, dict[int, Any]] = {"sortie": {}, "contact": {}, "unit": {}}
     case = readable_case(path, text)
     if case is not None:
         numbers = {table: _numbers(data, table) for table in found}
@@ -51,6 +52,8 @@ def search(request: Mapping[str, Any]) -> dict[str, Any]:
                     {"shape": kind, "points": _points(points)}
                     for kind, points in shapes.contact(contact)
                 ]
+        for unit in case.units:
+            found["unit"][numbers["unit"][unit.name]] = _points(np.array(unit.base))
     return {**told, "shapes": found, "search_objects": list(sweep_width.objects())}
 
 
@@ -115,6 +118,6 @@ def _pod(sortie: Sortie) -> float | None:
     return round(float(laws.pod(sortie.law, coverage)), 4)
 
 
-def _points(points: Array) -> list[list[float]]:
-    rounded: list[list[float]] = np.round(points, DIGITS).tolist()
+def _points(points: Array) -> list[Any]:
+    rounded: list[Any] = np.round(points, DIGITS).tolist()
     return rounded

@@ -34,12 +34,13 @@ const percent = (value) => `${(100 * value).toFixed(0)} %`;
 
 /**
  * Return where the most likely place has gone.
- * @param {Point | null | undefined} from
- * @param {Point | null | undefined} to
+ * @param {Likely | undefined} from
+ * @param {Likely | undefined} to
  */
 function moved(from, to) {
   if (!from || !to) return [];
-  const { distance, bearing } = toward(from, to);
+  if (from.ashore !== to.ashore) return [`the most likely place is now ${to.ashore ? "ashore" : "afloat"}`];
+  const { distance, bearing } = toward(from.at, to.at);
   const away = distance / NMI;
   if (away < LEAST.move) return ["the most likely place has not moved"];
   const wind = WINDS[Math.round(bearing / 45) % 8];
@@ -54,7 +55,7 @@ function moved(from, to) {
  */
 export function changes(before, after, time) {
   const [i, k] = [nearest(before, time), nearest(after, time)];
-  const found = moved(before.likely[i], after.likely[k]);
+  const found = moved(before.likely[i][0], after.likely[k][0]);
   for (const share of SHARES) {
     const [old, now] = [size(before, i, share), size(after, k, share)];
     if (!Number.isFinite(old + now)) continue;

@@ -1,7 +1,7 @@
 // The page: its lists, jobs, buttons and colours. The other modules have the editor, the form and the map.
 import { show_charts } from "./charts.js";
 import { complaint, lay, leave, opened, save as save_text, say, tab, text } from "./editor.js";
-import { begin, is_spill, settled } from "./form.js";
+import { begin, in_words_of_form, is_spill, settled } from "./form.js";
 import { all, ask, button, bytes, file_of, get, guarded, make, span, when } from "./kit.js";
 import { paint } from "./map.js";
 import { by, watch } from "./people.js";
@@ -203,6 +203,9 @@ const mistakes = (job) => job.lines.filter((line) => line.startsWith("drift: "))
 /** @type {Map<number, ReturnType<typeof new_row>>} */
 const rows = new Map();
 
+/** @param {Job} job */
+const started = (job) => `${NAMES[job.kind]} of ${job.case} started: see Work, below.`;
+
 const start = guarded(async (/** @type {string} */ kind) => {
   if (own.busy) return;
   own.busy = true;
@@ -219,7 +222,7 @@ const start = guarded(async (/** @type {string} */ kind) => {
       say("");
       tab("text");
     } else {
-      say(`${NAMES[job.kind]} started: see Work, below.`);
+      say(started(job));
     }
     await poll();
     if (kind === "plan" || kind === "origin") get("jobs-box").scrollIntoView({ block: "nearest" });
@@ -317,7 +320,10 @@ function row(job) {
     if (job.kind === "run") made.link.append(" ", button("Areas on the map", () => on_map(out)));
     if (job.kind === "plan") made.link.append(" ", button("Plan on the map", () => on_map(out)));
   }
-  if (job.state === "failed" && !made.wrong.firstChild) made.wrong.append(...mistakes(job).map(complaint));
+  if (job.state === "failed" && !made.wrong.firstChild) {
+    const lines = mistakes(job);
+    made.wrong.append(...(job.case === opened.name ? lines.map(in_words_of_form) : lines).map(complaint));
+  }
   return made.item;
 }
 
@@ -349,6 +355,7 @@ function follow(job) {
   const before = own.jobs.get(job.number);
   const ended = over(job) && before !== undefined && !over(before);
   if (ended) get("spoken").textContent = `${NAMES[job.kind]} of ${job.case}: ${STATES[job.state]}`;
+  if (ended && get("said").textContent === started(job)) say(`${NAMES[job.kind]} ${STATES[job.state]}: see Work, below.`, job.state === "failed");
   if (job.number === own.check && over(job)) {
     own.check = null;
     checked(job);

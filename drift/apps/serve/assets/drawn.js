@@ -19,6 +19,7 @@ export function layer_of(order) {
   const layer = new ol.layer.Vector({
     source,
     zIndex: order,
+    declutter: true, // names only: a symbol always stays
     updateWhileAnimating: true,
     style: (feature) => {
       const shade = /** @type {number | undefined} */ (feature.get("shade"));

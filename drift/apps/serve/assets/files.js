@@ -26,11 +26,17 @@ export async function saved(path, file, said, use) {
   if (opened.name === null) throw new Error(`open a case first; ${use}`);
   said.textContent = "";
   try {
-    await ask(path, { name: file.name, text: await file.text() });
+    await ask(path, { name: file.name, text: /\.nc$/i.test(file.name) ? await in_base64(file) : await file.text() });
   } catch (error) {
     if (!(error instanceof Rejected) || error.status !== 409) throw error;
     said.textContent = `${error.message}: the file of the folder is used.`;
   }
+}
+
+/** @param {File} file that is no text */
+async function in_base64(file) {
+  const data = new Uint8Array(await file.arrayBuffer());
+  return btoa(Array.from(data, (one) => String.fromCharCode(one)).join(""));
 }
 
 document.addEventListener("dragover", (event) => {
@@ -42,5 +48,5 @@ document.addEventListener("drop", (event) => {
   event.preventDefault();
   const taker = takers.find((one) => one.takes(file));
   if (taker) taker.work(file);
-  else get("trouble").textContent = `${file.name} is no track: only GPX files (.gpx) can be dropped here, and CSV files (.csv) of the ship of a spill.`;
+  else get("trouble").textContent = `${file.name} is no track: only GPX files (.gpx) can be dropped here, and CSV (.csv) and netCDF files (.nc) of the ship of a spill.`;
 });

@@ -145,7 +145,7 @@ function fill({ fields, unknown, scenarios }) {
   const part = (key) => fields[numbered(`scenario.*.${key}`)] ?? {};
   const has = ["position.at", "trackline.waypoints", "area.polygon"].find((key) => part(key).value || part(key).in_text);
   if (has) show_known(has.split(".")[0]);
-  get("unknown").textContent = unknown.length ? `Also set, in the text: ${unknown.join(", ")}.` : "";
+  get("unknown").textContent = unknown.length ? `The text also sets ${unknown.map(in_words).join("; ")}.` : "";
   show_place({
     at: /** @type {Point | undefined} */ (part("position.at").read),
     error: /** @type {number | undefined} */ (part("position.error").read),
@@ -153,6 +153,27 @@ function fill({ fields, unknown, scenarios }) {
     polygon: /** @type {Point[] | undefined} */ (part("area.polygon").read),
   });
   get("headline").classList.toggle("old", Boolean(own.sketched) && own.sketched !== text.value);
+}
+
+/** What keys that no field shows set, by their first part. @type {Record<string, string>} */
+const ELSEWHERE = {
+  output: "how often maps are made, and of which areas",
+  uncertainty: "the errors of wind and current",
+  clock: "the time step",
+  domain: "the region that is computed",
+  coast: "the shoreline, and what happens on it",
+  stokes: "the drift by waves",
+  leeway: "how the object drifts in the wind",
+  family: "families of scenarios",
+  drifter: "drifting buoys",
+  report: "winds and currents reported on scene",
+  expect: "what the run is compared with",
+};
+
+/** @param {string} key that no field shows */
+function in_words(key) {
+  const told = ELSEWHERE[key.split(".")[0]];
+  return told ? `${told} (${key})` : key;
 }
 
 /**
@@ -229,6 +250,32 @@ export function show_known(which) {
   for (const part of all("[data-known]")) part.hidden = part.dataset.known !== which;
 }
 
+/** How a message begins: with the place of its key in the text. */
+const PLACE = /^(scenario "[^"]*"|[\w.]+ ("[^"]*"|\d+)|spill)[\w. ]*: /;
+
+/**
+ * Return the elements of the form that show a field or a row.
+ * @param {string | null} field
+ */
+function elements_of(field) {
+  const source = sources.SOURCES.find((one) => one === field);
+  if (source) return [/** @type {HTMLElement} */ (sources.kind_of(source))];
+  /** @param {HTMLElement} one */
+  const is_its = (one) => [name_of(one), one.dataset.own, one.parentElement?.dataset.row].includes(field ?? "no field");
+  return [...FIELDS, ...all("#form [data-own], #form [data-row] > summary")].filter(is_its);
+}
+
+/**
+ * Return a mistake of the open case with the name of its field in the form in place of its keys.
+ * @param {string} line of a job, which begins with the name of the file
+ */
+export function in_words_of_form(line) {
+  const told = own.messages.find(({ message, field }) => field && line.endsWith(message));
+  const element = told && elements_of(told.field)[0];
+  const label = element && document.querySelector(`label[for="${CSS.escape(element.id)}"]`)?.textContent;
+  return told && label ? `"${label}" in the form: ${told.message.replace(PLACE, "").replace(/^[\w.]+: /, "")}` : line;
+}
+
 /**
  * Show each message beside its field; the others in a list.
  * @param {Message[]} messages
@@ -243,11 +290,7 @@ function complain(messages) {
   /** @type {HTMLElement[]} */
   const others = [];
   messages.forEach(({ message, field, line }, k) => {
-    const source = sources.SOURCES.find((one) => one === field);
-    const inputs = [...FIELDS, ...all("#form [data-own], #form [data-row] > summary")];
-    /** @param {HTMLElement} one */
-    const is_its = (one) => [name_of(one), one.dataset.own, one.parentElement?.dataset.row].includes(field ?? "no field");
-    const element = source ? sources.kind_of(source) : inputs.find((one) => is_its(one) && !one.closest("[hidden]"));
+    const element = elements_of(field).find((one) => !one.closest("[hidden]"));
     const at = element?.closest("p, summary");
     if (!element || !at) {
       others.push(complaint(line ? `${message} (line ${line})` : message));
@@ -257,7 +300,7 @@ function complain(messages) {
     element.setAttribute("aria-invalid", "true");
     element.setAttribute("aria-describedby", id);
     element.closest("details")?.setAttribute("open", "");
-    at.after(make("p", { class: "wrong beside", id }, message.replace(/^(scenario "[^"]*"|[\w.]+ ("[^"]*"|\d+)|spill)[\w. ]*: /, "")));
+    at.after(make("p", { class: "wrong beside", id }, message.replace(PLACE, "")));
   });
   get("messages").replaceChildren(...others);
 }

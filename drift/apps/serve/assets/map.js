@@ -5,8 +5,8 @@ import { all, ask, get, guarded } from "./kit.js";
 const target = get("map");
 export const map = projected({ kind: "mercator", lon: 0, lat: 0, around: true });
 const source = () => new ol.source.Vector({ wrapX: true });
-/** @param {VectorSource} from @param {number} zIndex @param {StyleLike} [style] */
-const layer = (from, zIndex, style) => new ol.layer.Vector({ source: from, zIndex, style, updateWhileAnimating: true });
+/** @param {VectorSource} from @param {number} zIndex @param {StyleLike} [style] @param {boolean} [declutter] */
+const layer = (from, zIndex, style, declutter = false) => new ol.layer.Vector({ source: from, zIndex, style, declutter, updateWhileAnimating: true });
 /** @returns {Theme} */
 const theme = () => (document.documentElement.dataset.theme === "dark" ? "dark" : "light");
 /** @param {string} name */
@@ -19,9 +19,9 @@ const likely = source();
 const the_land = layer(land, 1);
 const the_given = layer(given, 30, (feature) => styled(feature.get("look"), { theme: theme() }));
 const the_particles = layer(particles, 8, (feature) => styled(feature.get("look"), { theme: theme(), size: 0.7, opaque: 0.5 }));
-const the_likely = layer(likely, 20, () => {
-  return [...styled("datum", { theme: theme() }), ...titled("datum", { theme: theme(), label: "most likely" })];
-});
+const the_likely = layer(likely, 20, (feature) => {
+  return [...styled("datum", { theme: theme() }), ...titled("datum", { theme: theme(), label: feature.get("label") })];
+}, true);
 export const view = new ol.View({
   projection: map.projection,
   center: map.forward([0, 45]),
@@ -372,8 +372,11 @@ function move(index) {
   particles.clear(true);
   likely.clear(true);
   particles.addFeatures(particles_at(told, k));
-  const best = told.likely?.[k];
-  if (best) likely.addFeature(new ol.Feature(spot(best)));
+  for (const one of told.likely?.[k] ?? []) {
+    const feature = new ol.Feature(spot(one.at));
+    feature.set("label", one.ashore ? `likeliest coast (${(100 * one.share).toFixed(0)} %)` : "most likely afloat", true);
+    likely.addFeature(feature);
+  }
   for (const follower of followers) follower();
 }
 

@@ -44,7 +44,7 @@ export const open_plan = guarded(async (/** @type {string} */ run, /** @type {st
   draw();
   tab("search");
   sea.look_at(plan.areas.flatMap((area) => area.outline ?? []));
-  if (plan.areas.length) sea.go_to_time(epoch(plan.areas[0].start));
+  show_time();
   get("map").scrollIntoView({ block: "nearest" }); // on a phone it is above
   get("plan-said").textContent = "The particles of the plan are being followed, so that a move can be computed ...";
   await compute();
@@ -119,9 +119,18 @@ const signed = (difference) => `${difference < 0 ? "−" : "+"}${(100 * Math.abs
 
 /** @param {string} name */
 function choose(name) {
-  own.chosen = name;
+  if (own.chosen !== name) {
+    own.chosen = name;
+    show_time();
+  }
   draw();
   tell();
+}
+
+/** Show the map at the middle of the time that the chosen sub-area is searched. */
+function show_time() {
+  const area = planned(own.chosen);
+  if (area) sea.go_to_time((epoch(area.start) + epoch(area.end)) / 2);
 }
 
 // --- on the map ----------------------------------------------------------------------------------------------------------
@@ -249,7 +258,7 @@ async function compute() {
     if (mine === own.shown) {
       own.now = now;
       const waited = Math.round(performance.now() - begun);
-      get("plan-said").textContent = Object.keys(own.moves).length ? `Computed in ${waited} ms.` : "Drag a sub-area on the map, or its handle to turn it.";
+      get("plan-said").textContent = Object.keys(own.moves).length ? `Computed in ${waited} ms.` : "Ready: the POS of a move is computed at once.";
       get("plan-said").dataset.ms = String(waited);
       draw();
       tell();

@@ -145,7 +145,7 @@ export function list_of(place, spec, tools) {
   const item_of = (row, k, open) => {
     const prefix = `${spec.table}.${k}`;
     const box = make("details", { "data-row": prefix, open }, make("summary", {}), ...spec.inputs(prefix, row));
-    if (row.in_text.length) box.append(make("p", { class: "soft" }, `Also set, in the text: ${row.in_text.join(", ")}.`));
+    if (row.in_text.length) box.append(make("p", { class: "soft" }, `The text also sets ${row.in_text.join(", ")} of this row.`));
     const { look } = spec;
     box.append(make("p", { class: "line" }, look ? button("Show on the map", () => look(k), { "aria-label": `Show ${name_of(row, k)} on the map` }) : null,
       button("Remove", () => tools.set([{ field: prefix, value: null }]), { "aria-label": `Remove ${name_of(row, k)}` })));

@@ -71,7 +71,7 @@ const LISTS = {
     inputs: (prefix, row) => with_width(prefix, row, words.UNIT, unit_tools),
     sign: (row) => sign_of(row, ""),
     heading: ({ values }) => [`${values.search_speed ?? "?"}, ${values.endurance ?? "?"} on scene`],
-    look: null,
+    look: (k) => go_to("unit", k),
   }, tools),
 };
 const TABLES = /** @type {Listed3[]} */ (Object.keys(LISTS));
@@ -151,17 +151,21 @@ function draw({ rows, shapes }) {
       return shape(form_of, points, { look: "contact", label: kind === "point" ? name("contact", k) : "" });
     }));
   }
+  for (const [k, base] of Object.entries(shapes.unit)) {
+    drawn.source.addFeature(shape("point", [base], { look: "way", label: `${name("unit", k)}: base` }));
+  }
 }
 
-/** @param {"sortie" | "contact"} table @param {number} k @returns {Point[]} */
+/** @param {Listed3} table @param {number} k @returns {Point[]} */
 function points_of(table, k) {
   const shapes = own.told?.shapes;
+  if (table === "unit") return shapes?.unit[k] ? sea.circle(shapes.unit[k], 8000) : [];
   if (table === "contact") return (shapes?.contact[k] ?? []).flatMap((one) => one.points);
   const one = shapes?.sortie[k];
   return [...(one?.outline ?? []), ...(one?.legs.flatMap((leg) => leg.points) ?? [])];
 }
 
-/** @param {"sortie" | "contact"} table @param {number} k */
+/** @param {Listed3} table @param {number} k */
 function go_to(table, k) {
   const points = points_of(table, k);
   if (points.length) sea.look_at(points);
@@ -169,15 +173,6 @@ function go_to(table, k) {
 }
 
 // --- new rows ------------------------------------------------------------------------------------------------------------
-/** Return the middle of the map as a position of a case. */
-const middle = () => form.spelled(sea.middle());
-
-/** Return a time for a new row: the end of the last sortie, or an hour after the start. */
-function next_start() {
-  const starts = (own.told?.rows.sortie ?? []).map(({ values }) => String(values.start ?? "").match(/^\+([\d.]+) h$/)?.[1]);
-  return `+${Math.max(0, ...starts.map((hours) => Number(hours ?? 0))) + 1} h`;
-}
-
 /** @param {Listed3} table @param {string} stem */
 function free_name(table, stem) {
   const taken = new Set((own.told?.rows[table] ?? []).map((row) => row.values.name));
@@ -201,12 +196,12 @@ for (const [id, kinds] of /** @type {[string, Record<string, PatternSpec>][]} */
 get("add-sortie").addEventListener("click", () => {
   const kind = get("new-sortie").value;
   const track = own.files[0] ?? "track.gpx";
-  add("sortie", words.new_sortie(kind, { name: free_name("sortie", "search"), at: middle(), start: next_start(), track }));
+  add("sortie", words.new_sortie(kind, { name: free_name("sortie", "search"), track }));
 });
 get("add-contact").addEventListener("click", () => {
   const kind = get("new-contact").value;
   const stem = kind === "debris" ? "debris" : kind === "position" ? "sighting" : kind;
-  add("contact", words.new_contact(kind, { name: free_name("contact", stem), at: middle(), start: next_start() }));
+  add("contact", words.new_contact(kind, { name: free_name("contact", stem) }));
 });
 get("add-unit").addEventListener("click", () => add("unit", words.new_unit({ name: free_name("unit", "unit") })));
 get("plan-fields").append(...inputs_of("plan", words.PLAN, tools));
@@ -226,7 +221,7 @@ const save_track = guarded(async (/** @type {File} */ file) => {
   await saved("/api/search/gpx", file, get("track-said"), "the track becomes a sortie of it");
   await list_tracks();
   const name = free_name("sortie", file.name.replace(/\.gpx$/i, ""));
-  await add("sortie", words.new_sortie("track", { name, at: "", start: next_start(), track: file.name }));
+  await add("sortie", words.new_sortie("track", { name, track: file.name }));
 });
 get("new-track").addEventListener("change", () => {
   const file = get("new-track").files?.[0];

@@ -147,39 +147,35 @@ export const PLAN = [
   { key: "ashore", label: "Units also search the shore", kind: "tick", otherwise: false },
 ];
 
+const ASKED = ""; // a time or a place that only the planner knows: a message beside its field asks for it
+
 /**
  * Return the table of a new sortie.
  * @param {string} kind one of PATTERNS
- * @param {{name: string, at: string, start: string, track: string}} given
+ * @param {{name: string, track: string}} given
  * @returns {Table}
  */
-export function new_sortie(kind, { name, at, start, track }) {
-  const common = { name, start, speed: "14 kn", sweep_width: "0.5 nmi" };
-  const rectangle = { centre: at, length: "6 nmi", width: "3 nmi", orientation: 0 };
-  if (kind === "area") return { name, start, end: later(start), speed: "14 kn", sweep_width: "0.5 nmi", area: rectangle };
+export function new_sortie(kind, { name, track }) {
+  const common = { name, start: ASKED, speed: "14 kn", sweep_width: "0.5 nmi" };
+  const rectangle = { centre: ASKED, length: "6 nmi", width: "3 nmi", orientation: 0 };
+  if (kind === "area") return { name, start: ASKED, end: ASKED, speed: "14 kn", sweep_width: "0.5 nmi", area: rectangle };
   if (kind === "track") return { ...common, track };
-  if (kind === "square") return { ...common, pattern: { kind, datum: at, spacing: "0.5 nmi", orientation: 0, legs: 12 } };
-  if (kind === "sector") return { ...common, pattern: { kind, datum: at, radius: "3 nmi", orientation: 0 } };
-  if (kind === "trackline") return { ...common, pattern: { kind, waypoints: [at] } };
+  if (kind === "square") return { ...common, pattern: { kind, datum: ASKED, spacing: "0.5 nmi", orientation: 0, legs: 12 } };
+  if (kind === "sector") return { ...common, pattern: { kind, datum: ASKED, radius: "3 nmi", orientation: 0 } };
+  if (kind === "trackline") return { ...common, pattern: { kind, waypoints: [ASKED] } };
   return { ...common, pattern: { kind, ...rectangle, spacing: "1 nmi" } };
-}
-
-/** @param {string} start "+4 h" */
-function later(start) {
-  const hours = Number(start.match(/^\+([\d.]+) h$/)?.[1] ?? 1);
-  return `+${hours + 2} h`;
 }
 
 /**
  * Return the table of a new contact.
  * @param {string} kind one of CONTACTS
- * @param {{name: string, at: string, start: string}} given
+ * @param {{name: string}} given
  * @returns {Table}
  */
-export function new_contact(kind, { name, at, start }) {
-  if (kind === "bearing") return { name, time: start, bearing: { from: at, bearing: 0, std: "3 deg", far: "20 nmi" } };
-  if (kind === "range") return { name, time: start, range: { from: at, range: "4 nmi", std: "0.5 nmi" } };
-  const seen = { name, time: start, position: { at, error: "0.5 nmi" } };
+export function new_contact(kind, { name }) {
+  if (kind === "bearing") return { name, time: ASKED, bearing: { from: ASKED, bearing: ASKED, std: "3 deg", far: "20 nmi" } };
+  if (kind === "range") return { name, time: ASKED, range: { from: ASKED, range: ASKED, std: "0.5 nmi" } };
+  const seen = { name, time: ASKED, position: { at: ASKED, error: "0.5 nmi" } };
   return kind === "debris" ? { ...seen, of: "PIW-1" } : seen;
 }
 
@@ -196,7 +192,7 @@ const OF_KIND = {
  * @returns {Table}
  */
 export function new_unit({ name }) {
-  return { name, kind: "Boat", ...OF_KIND.Boat, sweep_width: "0.5 nmi", daylight: false };
+  return { name, kind: "Boat", base: ASKED, ...OF_KIND.Boat, sweep_width: "0.5 nmi", daylight: false };
 }
 
 /**

@@ -208,13 +208,12 @@ function free_name(table, stem) {
   return name;
 }
 
-const middle = () => form.spelled(sea.middle());
 /** @type {[string, () => unknown][]} */
 const ADDS = [
   ["add-class", () => add("spill.class", { name: free_name("spill.class", "container"), object: { immersion: [0.6, 0.9] } }, "number")],
   ["add-loss", () => add("spill.loss", { begin: "", length: "1 h" }, "begin")],
-  ["add-patrol", () => add("patrol", { name: free_name("patrol", "patrol"), time: "", detection: 0.7, between: [middle()] }, "time")],
-  ["add-team", () => add("patrol_unit", { name: free_name("patrol_unit", "team"), length: "20 km", detection: 0.7, first: "", base: middle(), reach: "40 km" }, "first")],
+  ["add-patrol", () => add("patrol", { name: free_name("patrol", "patrol"), time: "", detection: 0.7, between: [""] }, "time")],
+  ["add-team", () => add("patrol_unit", { name: free_name("patrol_unit", "team"), length: "20 km", detection: 0.7, first: "", base: "", reach: "40 km" }, "first")],
 ];
 for (const [id, work] of ADDS) get(id).addEventListener("click", work);
 
@@ -251,7 +250,7 @@ get("ship-file").addEventListener("change", () => {
   if (file) save_track(file);
   get("ship-file").value = "";
 });
-dropped({ takes: (file) => form.is_spill() && /\.(gpx|csv)$/i.test(file.name), work: save_track });
+dropped({ takes: (file) => form.is_spill() && /\.(gpx|csv|nc)$/i.test(file.name), work: save_track });
 
 /** Begin with a case that was just opened. */
 export const begin = guarded(async () => {

@@ -20,7 +20,7 @@ const own = {
 const bands = layer_of(12);
 sea.switch_with("areas", bands.layer);
 const patrolled = layer_of(11);
-const marks = layer_of(28);
+const marks = layer_of(50); // above all: of two names that overlap the upper one stays
 
 /** @param {number} value a number of objects */
 const many = (value) => (value === 0 ? "0" : value < 0.05 ? "< 0.1" : value < 10 ? value.toFixed(1) : value.toFixed(0));

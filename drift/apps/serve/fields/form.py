@@ -6,7 +6,6 @@ library and compared with what it should be, so a change is made exactly or reje
 """
 
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from datetime import date, datetime
@@ -18,7 +17,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from drift.apps.serve.fields import form_sources, nodes, search_fields, spill_fields
 from drift.case.values import fields as case_fields
-from drift.case.values import units
+from drift.case.values import toml_text, units
 from geo import notation
 from geo.errors import UserError
 
@@ -73,7 +72,7 @@ def new_text(now: np.datetime64) -> str:
 def parse_text(text: str) -> dict[str, Any]:
     """Return the tables of a text; raise UserError, with the line, if it is not TOML."""
     try:
-        return tomllib.loads(text)
+        return toml_text.parse_toml(text)
     except (ValueError, RecursionError) as error:
         raise UserError(f"not valid TOML: {error}") from None
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from typing import Any
 
 from drift.apps.serve.fields import form, form_sources, search_fields
@@ -10,12 +11,13 @@ from geo.errors import UserError
 
 HEADER = re.compile(r"\s*\[(\[?)\s*([\w.\"' -]+?)\s*\]?\]\s*(#.*)?$")
 KEY = re.compile(r"\s*([\w.\"'-]+(?:\s*\.\s*[\w\"'-]+)*)\s*=")
+NO_PLACE = "the place is missing: type it, or press the button and click on the map"
 # what a message about a whole scenario asks for, the field for it, and its words in the form
 MISSING = {
     ": object is missing": ("object", "what is adrift is missing: choose it in the list"),
     "exactly one of position": (
         "position.at",
-        "the place is missing: type it, or press the button and click on the map",
+        NO_PLACE,
     ),
 }
 # what a message asks for that has fields of its own, the field, and its words in the form
@@ -31,6 +33,7 @@ FORCING = {
 }
 EMPTY = re.compile(r'"" is not a time;.*')
 NO_TIME = "the time is missing: type it like 211830ZNOV26, or like +6 h (after the start)"
+EMPTY_PLACE = re.compile(r'position "" is empty;.*')
 UNSET = ("is missing and has no default", "is missing: type it")
 LINE = re.compile(r"\(?at line (\d+), column \d+\)?")
 
@@ -43,9 +46,27 @@ def message_of(line: str, text: str) -> dict[str, Any]:
     if found := LINE.search(line):
         return {"message": line, "line": int(found[1]), "field": None}
     try:
-        data = form.parse_text(text)
+        fields, places = _fields_and_lines(text)
     except UserError:
         return {"message": line, "line": None, "field": None}
+    field = fields.get(_longest(line, fields))
+    message = EMPTY_PLACE.sub(NO_PLACE, EMPTY.sub(NO_TIME, line)).replace(*UNSET)
+    for words, (own, plain) in MISSING.items():
+        if field and words in line:
+            field, message = f"{field}.{own}", plain
+    for words, (own, plain) in FORCING.items():
+        if words in line:
+            field, message = own, plain
+    return {"message": message, "line": places.get(_longest(line, places)), "field": field}
+
+
+@lru_cache(maxsize=1)
+def _fields_and_lines(text: str) -> tuple[dict[str, str], dict[str, int]]:
+    """Return the fields of a text and the lines of its tables and keys, by how messages name them.
+
+    A text has many mistakes, and parsing the largest takes a second.
+    """
+    data = form.parse_text(text)
     number = len(data["scenario"]) if isinstance(data.get("scenario"), list) else 0
     names = [*form.names_of_fields(number), *search_fields.names_of(data)]
     fields = {messages.where(search_fields.place_of(name), data): name for name in names}
@@ -58,16 +79,7 @@ def message_of(line: str, text: str) -> dict[str, Any]:
         for k, _ in enumerate(data.get(quantity) or [()]):
             fields[messages.where((quantity, k), data)] = quantity
     places = {messages.where(place, data): k for place, k in _lines_of_places(text)}
-    fields |= _fields_by_other_words(data)
-    field = fields.get(_longest(line, fields))
-    message = EMPTY.sub(NO_TIME, line).replace(*UNSET)
-    for words, (own, plain) in MISSING.items():
-        if field and words in line:
-            field, message = f"{field}.{own}", plain
-    for words, (own, plain) in FORCING.items():
-        if words in line:
-            field, message = own, plain
-    return {"message": message, "line": places.get(_longest(line, places)), "field": field}
+    return fields | _fields_by_other_words(data), places
 
 
 def _fields_by_other_words(data: Mapping[str, Any]) -> dict[str, str]:

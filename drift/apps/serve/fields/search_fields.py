@@ -265,7 +265,7 @@ def _check_one(field: str, value: Any) -> None:
             check_words(field, one)
     elif isinstance(value, list) and len(value) == 2 and plain in spill_fields.RANGES:
         for one in value:
-            _check_one("", one)
+            _check_one(field, one)
     elif isinstance(value, bool):
         return
     elif isinstance(value, int | float):

@@ -54,6 +54,7 @@ GEOJSON: Schema = {
     },
     "required": ["type", "features"],
 }
+LIKELY = record(at=POINT, ashore=api.FLAG, share=NUMBER)
 PARTICLES = record(lon=many(many(NUMBER)), lat=many(many(NUMBER)), status=many(many(api.COUNT)))
 STRETCH = record(
     id=TEXT,
@@ -93,7 +94,7 @@ SKETCH = record(
     times=many(TEXT),
     opens=or_null(TEXT),
     areas=GEOJSON,
-    likely=many(or_null(POINT)),
+    likely=many(many(LIKELY)),
     statuses=many(TEXT),
     particles=PARTICLES,
     scenarios=many(record(name=TEXT, probability=many(NUMBER))),
@@ -121,6 +122,7 @@ class FormRoutes:
         self.typing = Warm(folder, allowed, limits, users)
         self.sketching = Warm(folder, allowed, limits, users)
         self._warming: asyncio.Task[Any] | None = None
+        self._preparing: set[asyncio.Task[Any]] = set()
 
     def routes(self) -> list[Operation]:
         """Return the routes."""
@@ -143,6 +145,9 @@ class FormRoutes:
         if self._warming is not None:
             self._warming.cancel()
             await asyncio.gather(self._warming, return_exceptions=True)
+        for task in self._preparing:
+            task.cancel()
+        await asyncio.gather(*self._preparing, return_exceptions=True)
         await self.typing.close()
         await self.sketching.close()
 
@@ -173,12 +178,19 @@ class FormRoutes:
         now = np.datetime64(int(time.time()) // 60 * 60, "s")
         return {"text": form.new_text(now)}
 
-    async def check(self, body: dict[str, Any]) -> Any:
-        """Return the mistakes of a text, with line and field."""
+    async def check(self, body: dict[str, Any], guest: bool) -> Any:
+        """Return the mistakes of a text, with line and field; without any, prepare its first map.
+
+        Guests make no first map.
+        """
         self._warm_up()
-        return await self.typing.ask(
-            "check", text=text_of(body, {"text", "name"}), path=self.path_of(body)
-        )
+        values = {"text": text_of(body, {"text", "name"}), "path": self.path_of(body)}
+        told = await self.typing.ask("check", **values)
+        if not told["messages"] and not guest:
+            task = asyncio.create_task(_silent(self.sketching.prepare(**values)))
+            self._preparing.add(task)
+            task.add_done_callback(self._preparing.discard)
+        return told
 
     async def sketch(self, body: dict[str, Any], user: str) -> Any:
         """Return a forecast of few particles; it takes the place of the user's one before it."""
@@ -272,7 +284,8 @@ def post(path: str, handler: Any, takes: Schema, answers: Schema, reads: bool) -
 
     Args:
         path: below /api/.
-        handler: takes the body, and the user's name if it has a parameter `user`.
+        handler: takes the body, and if it has parameters of these names, `user`, the user's name,
+            and `guest`, whether it is a guest.
         takes, answers: JSON Schema of body and answer.
         reads: whether guests may use it.
     """
@@ -282,13 +295,14 @@ def post(path: str, handler: Any, takes: Schema, answers: Schema, reads: bool) -
 
 def answered(handler: Any) -> Any:
     """Return a handler that turns what goes wrong into a status and a line."""
-    with_user = "user" in inspect.signature(handler).parameters
+    wanted = inspect.signature(handler).parameters.keys() & {"user", "guest"}
 
     @functools.wraps(handler)
     async def answer(request: Request) -> Response:
-        more = (request.scope["who"].name,) if with_user else ()
+        who = request.scope["who"]
+        known = {"user": who.name, "guest": who.guest}
         try:
-            told = await handler(request.scope["body"], *more)
+            told = await handler(request.scope["body"], **{name: known[name] for name in wanted})
             return told if isinstance(told, Response) else JSONResponse(told)
         except Invalid as invalid:
             return JSONResponse({"error": str(invalid)}, invalid.status)

@@ -5,6 +5,7 @@ that is computed is computed by the warm processes of the form.
 """
 
 import asyncio
+import base64
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from drift.apps.serve.api import NUMBER, TEXT, Operation, Schema, many, or_null,
 from drift.apps.serve.fields import search_fields
 from drift.apps.serve.routes.form_routes import (
     GEOJSON,
+    LIKELY,
     PARTICLES,
     POINT,
     FormRoutes,
@@ -23,7 +25,8 @@ from drift.apps.serve.routes.form_routes import (
     text_of,
 )
 
-GPX = ".gpx"
+GPX, NETCDF = ".gpx", ".nc"
+MARKS = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")  # that netCDF files begin with
 LARGEST_TRACK = 2**20  # [bytes]
 HEAD = 4096  # characters in which a GPX file says that it is one
 MOST_MOVES = 100
@@ -55,6 +58,7 @@ SEARCHES = record(
     shapes=record(
         sortie={"type": "object", "additionalProperties": record(**SEARCHED)},
         contact={"type": "object", "additionalProperties": many(SEEN)},
+        unit={"type": "object", "additionalProperties": POINT},
     ),
     search_objects=many(TEXT),
 )
@@ -92,7 +96,7 @@ RESULT = record(
     scenarios=many(SCENARIO),
     areas=GEOJSON,
     words=TEXT,
-    likely=many(or_null(POINT)),
+    likely=many(many(LIKELY)),
     ashore=many(NUMBER),
     statuses=many(TEXT),
     particles=PARTICLES,
@@ -197,8 +201,8 @@ async def save_track(folder: Path, body: dict[str, Any], endings: tuple[str, ...
 
     Args:
         folder: the served folder.
-        body: `name` and `text` of the file.
-        endings: that its name may have; a GPX file has <gpx at its head.
+        body: `name` and `text` of the file; the text of a netCDF file is base64.
+        endings: that its name may have; a GPX file has <gpx at its head, a netCDF file its mark.
     """
     text = text_of(body, {"name", "text"})
     name = body["name"]
@@ -206,19 +210,31 @@ async def save_track(folder: Path, body: dict[str, Any], endings: tuple[str, ...
         letters = f"letters, digits, spaces and . _ - + ( ), at most {names.LONGEST}"
         ends = " or ".join(endings)
         raise Invalid(f"the name of a track is made of {letters}, and ends in {ends}")
-    if len(text.encode()) > LARGEST_TRACK:
+    data = _decoded(name, text) if name.lower().endswith(NETCDF) else text.encode()
+    if len(data) > LARGEST_TRACK:
         raise Invalid(f"a track has at most {LARGEST_TRACK:,} bytes", 413)
     if name.lower().endswith(GPX) and (
         "<gpx" not in text[:HEAD] or "<!DOCTYPE" in text or "<!ENTITY" in text
     ):
         raise Invalid(f"{name} is not a GPX file: it needs <gpx at its head, and no DOCTYPE")
     try:
-        await asyncio.to_thread(shelf.save, folder, name, text, None)
+        await asyncio.to_thread(shelf.save_bytes, folder, name, data, None)
     except shelf.Conflict:
         raise Invalid(f"{name} exists already; nothing was saved", 409) from None
     except OSError as error:
         raise Invalid(f"{name} cannot be saved: {error.strerror}", 500) from None
     return {"name": name}
+
+
+def _decoded(name: str, text: str) -> bytes:
+    """Return the bytes of a netCDF file that was sent in base64."""
+    try:
+        data = base64.b64decode(text, validate=True)
+    except ValueError:
+        raise Invalid(f"{name}: a netCDF file is sent in base64") from None
+    if not data.startswith(MARKS):
+        raise Invalid(f"{name} is not a netCDF file: it begins with neither CDF nor HDF")
+    return data
 
 
 def _scenario(body: dict[str, Any]) -> str | None:

@@ -20,7 +20,7 @@ from drift.apps.serve.routes.form_routes import (
 from drift.apps.serve.routes.search_routes import ROWS, run_of, save_track
 
 TRACKS = (".gpx", ".csv", ".nc")  # files of a ship's positions
-DROPPED = (".gpx", ".csv")
+DROPPED = TRACKS
 LONGEST_NAME = 1100  # characters of the name of a patrol
 
 # what requests take and answers have, as JSON Schema
@@ -81,7 +81,7 @@ class SpillRoutes:
         return {"files": await self.form.files_ending(TRACKS)}
 
     async def save_track(self, body: dict[str, Any]) -> Any:
-        """Save a ship's track, GPX or CSV, in the folder, under its name if that is free."""
+        """Save a ship's track (a netCDF file in base64) in the folder, if its name is free."""
         return await save_track(self.folder, body, DROPPED)
 
     async def washup(self, body: dict[str, Any]) -> Any:

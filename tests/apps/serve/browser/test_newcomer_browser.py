@@ -137,3 +137,23 @@ def test_a_forecast_that_ended_before_now_is_marked(page: Any, hours: int, late:
     told = page.locator("#ends")
     until(lambda: ("ago" in told.inner_text()) == late and "2017" not in told.inner_text(), 30)
     assert told.inner_text().startswith("to ")
+
+
+def test_a_failed_run_names_the_field_of_the_form(page: Any) -> None:
+    """Not the key of the text; the sentence below the title no longer says that it has started."""
+    page.get_by_label("Forecast for").fill("inf")
+    page.keyboard.press("Tab")
+    page.locator("p.beside", has_text="inf").first.wait_for()
+    page.get_by_role("button", name="Run the forecast").click()
+    wrong = page.locator("#jobs .wrong").first
+    wrong.wait_for()
+    assert wrong.inner_text().startswith('"Forecast for" in the form: ')
+    page.locator("#said").get_by_text("Forecast failed").wait_for()
+
+
+def test_what_only_the_text_sets_is_said_in_words(page: Any) -> None:
+    page.get_by_role("button", name="Text", exact=True).click()
+    page.locator("#text").fill(f'output.every = "2 h"\n{page.locator("#text").input_value()}')
+    page.get_by_role("button", name="Form", exact=True).click()
+    told = page.locator("#unknown").get_by_text("The text also sets how often maps are made")
+    told.wait_for()

@@ -113,7 +113,7 @@ def test_each_screen_is_reached(browser: Any, served: Server) -> None:
     )
     desk.keep("search")
     desk.press("Plan the next search")
-    page.locator("#plan-said", has_text="Drag a sub-area").wait_for(timeout=PATIENCE)
+    page.locator("#plan-said", has_text="Ready").wait_for(timeout=PATIENCE)
     desk.keep("plan")
     desk.press("Check")
     page.get_by_role("heading", name="Valid").wait_for(timeout=PATIENCE)

@@ -60,10 +60,18 @@ def test_from_the_call_to_a_tasking(browser: Any, served: Server, size: str) -> 
     desk.press("Add a sortie")
     until(lambda: desk.tables().get("sortie"), 60)
     page.locator('[data-own="sortie.0.pattern.centre"]').wait_for(timeout=PATIENCE)
-    before = desk.tables()["sortie"][0]["pattern"]["centre"]
+    # nothing is invented: the time and the place are asked for beside their fields
+    for key, words in (
+        ("start", "the time is missing"),
+        ("pattern.centre", "the place is missing"),
+    ):
+        field = page.locator(f'[data-own="sortie.0.{key}"]')
+        assert field.input_value() == ""
+        beside = field.locator("xpath=../following-sibling::p[1]")
+        beside.get_by_text(words).wait_for(timeout=PATIENCE)
     desk.press("Middle: click on the map")
     page.locator("#map").click(position={"x": 150, "y": 200})
-    until(lambda: desk.tables()["sortie"][0]["pattern"]["centre"] != before, 60)
+    until(lambda: desk.tables()["sortie"][0]["pattern"]["centre"] != "", 60)
     desk.fill("sortie.0.pattern.centre", "49 57N 005 34W")
     desk.fill("sortie.0.pattern.spacing", "0.5 nmi")
     desk.fill("sortie.0.start", "+4 h")
@@ -92,7 +100,7 @@ def test_from_the_call_to_a_tasking(browser: Any, served: Server, size: str) -> 
     desk.press("Plan the next search")
     moved = page.get_by_role("button", name="Move A-1")
     moved.wait_for(timeout=PATIENCE)
-    page.locator("#plan-said").get_by_text("Drag a sub-area").wait_for(timeout=PATIENCE)
+    page.locator("#plan-said").get_by_text("Ready").wait_for(timeout=PATIENCE)
     stated = json.loads((served.folder / "kayak-plan" / "plan.json").read_text())
     assert f"{100 * stated['pos']:.1f} %" in page.locator("#plan-total").inner_text()
     moved.focus()
@@ -143,7 +151,7 @@ def _check_access(browser: Any, served: Server, size: str) -> None:
     desk = Page(browser, served, size, bypass_csp=True)
     page = desk.page
     desk.press("kayak-plan on the map")
-    page.locator("#plan-said").get_by_text("Drag a sub-area").wait_for(timeout=PATIENCE)
+    page.locator("#plan-said").get_by_text("Ready").wait_for(timeout=PATIENCE)
     assert [row["name"] for row in desk.tables()["sortie"]] == ["search", "lifeboat"]
     for summary in page.locator("#form summary:visible").all():
         summary.click()

@@ -228,7 +228,7 @@ def test_a_ship_and_her_track(browser: Any, served: Server) -> None:
     page = desk.page
     desk.press("New search")
     page.get_by_label("Adrift", exact=True).select_option("spill")
-    page.get_by_label("Ship's track").check()
+    page.get_by_label("Ship's track, with times").check()
     page.evaluate(DROP, SHIP)
     until(lambda: desk.tables().get("spill", {}).get("track") == "ais.csv", 60)
     assert (served.folder / "ais.csv").read_text() == SHIP

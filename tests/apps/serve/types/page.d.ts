@@ -63,15 +63,16 @@ declare global {
   interface DriftObject { name: string; description: string; level: number; words: string[] }
   interface Coast { features: { geometry: { coordinates: Point[][] } }[] }
   interface Areas { features: { properties: { time: string; level?: number; area_nmi2?: number }; geometry: { coordinates: Point[][][] } }[] }
+  interface Likely { at: Point; ashore: boolean; share: number }
   interface Shown {
-    areas: Areas; start?: string; times?: string[]; opens?: string | null; likely?: (Point | null)[]; looks?: string[];
+    areas: Areas; start?: string; times?: string[]; opens?: string | null; likely?: Likely[][]; looks?: string[];
     particles?: { lon: number[][]; lat: number[][]; status: number[][] };
   }
   interface Probabilities { scenarios: { name: string; probability: number[] }[]; ashore: number[] }
   interface Sketch extends Shown, Probabilities {
-    title: string; number: number; words: string; warnings: string[]; statuses: string[]; washup: Washup | null; times: string[]; likely: (Point | null)[];
+    title: string; number: number; words: string; warnings: string[]; statuses: string[]; washup: Washup | null; times: string[]; likely: Likely[][];
   }
-  interface Compared extends Probabilities { times: string[]; likely: (Point | null)[]; areas: Areas }
+  interface Compared extends Probabilities { times: string[]; likely: Likely[][]; areas: Areas }
   interface Place { at?: Point; error?: number; line?: Point[]; polygon?: Point[] } // [deg], [m]
 
   // --- the step "Search", plans and results ---
@@ -87,7 +88,7 @@ declare global {
   }
   interface Searches {
     rows: Record<Listed3, Row[]>; plan: Row; search_objects: string[];
-    shapes: { sortie: Record<string, Searched>; contact: Record<string, { shape: "point" | "region" | "line"; points: Point[] }[]> };
+    shapes: { sortie: Record<string, Searched>; contact: Record<string, { shape: "point" | "region" | "line"; points: Point[] }[]>; unit: Record<string, Point> };
   }
   interface FieldSpec {
     key: string; label: string; kind?: "place" | "places" | "fixes" | "lines" | "range" | "degrees" | "number" | "choice" | "tick" | "file"; size?: number; hint?: string;
