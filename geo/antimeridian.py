@@ -41,7 +41,10 @@ def _split_at_antimeridian(shape: Any, precision: float = 0.0) -> Iterator[Any]:
 
     precision [deg]: grid size to which corners are rounded; 0 for none.
     """
+    west, _, east, _ = shape.bounds
     for turn in TURNS:
+        if east < turn - 180 or west > turn + 180:
+            continue
         inside = shapely.intersection(shape, shapely.box(turn - 180, -90, turn + 180, 90))
         moved = shapely.transform(inside, lambda xy, turn=turn: xy - np.array([turn, 0.0]))
         yield from shapely.get_parts(

@@ -159,12 +159,22 @@ def legs_between(legs: Legs, first: float, last: float) -> Legs:
 
 def position_at(legs: Legs, time: float) -> LonLat:
     """Return the position (lon, lat) [deg] on legs at a time [s since 1970]."""
-    k = min(max(int(np.searchsorted(legs.time, time, "right")) - 1, 0), len(legs.time) - 2)
-    share = (time - legs.time[k]) / (legs.time[k + 1] - legs.time[k])
-    ends = np.radians([legs.lon[k], legs.lat[k], legs.lon[k + 1], legs.lat[k + 1]])
-    east, north = sphere.offset(*ends)
-    lon, lat = sphere.destination(ends[0], ends[1], east * share, north * share)
-    return float(unwrap([np.degrees(lon)], legs.lon[k])[0]), float(np.degrees(lat))
+    lon, lat = positions_at(legs, [time])[0].tolist()
+    return lon, lat
+
+
+def positions_at(legs: Legs, times: npt.ArrayLike) -> Array:
+    """Return the positions (lon, lat) [deg] on legs at times [s since 1970], shape (n, 2)."""
+    times, t = np.asarray(times, np.float64), np.array(legs.time)
+    k = np.clip(np.searchsorted(t, times, "right") - 1, 0, t.size - 2)
+    share = (times - t[k]) / (t[k + 1] - t[k])
+    x, y = np.array(legs.lon), np.array(legs.lat)
+    begin = np.radians(x[k]), np.radians(y[k])
+    east, north = sphere.offset(*begin, np.radians(x[k + 1]), np.radians(y[k + 1]))
+    lon, lat = sphere.destination(*begin, east * share, north * share)
+    lon = np.degrees(lon)
+    lon -= 360.0 * np.rint((lon - x[k]) / 360.0)  # nearest to the vertex before it
+    return np.column_stack([lon, np.degrees(lat)])
 
 
 def thin_legs(legs: Legs, tolerance: float) -> Legs:

@@ -111,15 +111,12 @@ def track(lon: npt.ArrayLike, lat: npt.ArrayLike, longest: float) -> tuple[Array
     longest: largest distance between two points [m].
     """
     lon, lat = np.asarray(lon, np.float64), np.asarray(lat, np.float64)
-    x, y = [lon[:1]], [lat[:1]]
-    for k in range(lon.size - 1):
-        east, north = offset(lon[k], lat[k], lon[k + 1], lat[k + 1])
-        count = max(int(np.ceil(np.hypot(east, north) / longest)), 1)
-        share = np.arange(1, count + 1) / count
-        between = destination(lon[k], lat[k], east * share, north * share)
-        x.append(between[0])
-        y.append(between[1])
-    return np.concatenate(x), np.concatenate(y)
+    east, north = offset(lon[:-1], lat[:-1], lon[1:], lat[1:])
+    count = np.maximum(np.ceil(np.hypot(east, north) / longest).astype(np.int64), 1)
+    leg = np.repeat(np.arange(count.size), count)
+    share = (np.arange(leg.size) - (np.cumsum(count) - count)[leg] + 1) / count[leg]
+    x, y = destination(lon[leg], lat[leg], east[leg] * share, north[leg] * share)
+    return np.concatenate([lon[:1], x]), np.concatenate([lat[:1], y])
 
 
 def to_pole(

@@ -9,7 +9,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal, Unpack, overload
 
@@ -655,13 +655,27 @@ def publish_outputs(
     joined = join_contents(chapters)
     pictures = {name: page.warn_on_failure(draw) for name, draw in joined.pictures.items()}
 
+    @cache
+    def report_items() -> list[Any]:
+        return [leaf for leaves in joined.leaves for leaf in leaves()]
+
     def write_report(path: Path) -> None:
-        report_page.write(
-            path, [leaf for leaves in joined.leaves for leaf in leaves()], on, joined.warnings
-        )
+        report_page.write(path, report_items(), on, joined.warnings)
+
+    def prepare_report() -> None:
+        # what fails here fails again as the report is written, and is a warning then
+        with contextlib.suppress(*page.FAILURES), page.literal_text():
+            report_items()
 
     drawn = replace(joined, pictures=pictures, digests={REPORT: page.warn_on_failure(write_report)})
-    writer.write(out, [drawn], overwrite=overwrite, processes=runtime.threads(), tell=tell)
+    writer.write(
+        out,
+        [drawn],
+        overwrite=overwrite,
+        processes=runtime.threads(),
+        tell=tell,
+        meanwhile=prepare_report,
+    )
 
 
 def suspension_basis(result: Result, planned: Planned | None = None) -> decision.Suspension | None:

@@ -10,6 +10,7 @@ import math
 import os
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -29,6 +30,7 @@ LOG = logging.getLogger("drift")
 LEAST_SPACE = "2 to 3 GiB"  # address space that a small run maps; it uses a tenth of it
 # environment variable of Taichi: folder of compiled kernels
 NAMED = "TI_OFFLINE_CACHE_FILE_PATH"
+STALE = 300.0  # [s] age of a lock of the cache after which its process must have died
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
 # instead of a backend: a graphics card if there is one and it pays off, else the processor
 AUTO = "auto"
@@ -172,6 +174,15 @@ def _init(backend: str, threads: int, device: Device | None) -> None:
         raise _not_started(backend, error) from error
 
 
+def close() -> bool:
+    """Write compiled kernels to the cache as the process ends.
+
+    Returns:
+        Whether the process may then end without a shutdown; a graphics card needs one.
+    """
+    return _started.get("backend") in (None, "cpu") and way.close()
+
+
 def _forsake() -> None:
     """Stop a forked copy of this process from freeing arrays of the card.
 
@@ -194,6 +205,7 @@ def _caching() -> dict[str, object]:
             pass
         for file in cache.glob("*.tcb"):  # raises OSError if the file is another user's
             file.open("ab").close()
+        _remove_stale_locks(cache)
     except OSError as error:
         LOG.warning(
             "drift: the cache %s cannot be written (%s), so every run compiles its kernels again; name another folder "
@@ -207,6 +219,18 @@ def _caching() -> dict[str, object]:
     # Taichi uses this folder by default; a fork knows neither the folder nor the variable.
     known = not taichi_way.fork and (taichi_way.inside or os.environ.get(NAMED))
     return {"offline_cache": True} | ({} if known else {"offline_cache_file_path": str(cache)})
+
+
+def _remove_stale_locks(cache: Path) -> None:
+    """Remove locks of the cache that a killed process has left.
+
+    Taichi locks the cache for moments, by a file that it removes. If that file stays, Taichi
+    neither reads nor writes the cache any more, without a word.
+    """
+    for lock in cache.glob("*.lock"):
+        with contextlib.suppress(FileNotFoundError):  # another process was quicker
+            if time.time() - lock.stat().st_mtime > STALE:
+                lock.unlink()
 
 
 def _not_started(backend: str, error: Exception) -> UserError:

@@ -57,6 +57,14 @@ def begin(backend: str) -> None:
     _quicken()
 
 
+def close() -> bool:
+    """Write compiled kernels to the cache; return whether Taichi needs no further shutdown."""
+    program = impl.get_runtime().prog
+    if program is not None:
+        program.finalize()
+    return True
+
+
 def _place(self: Any, node: Any) -> str:
     """Return the source location of a node of a function's syntax tree, for error messages."""
     line = self.src[node.lineno - 1].strip()

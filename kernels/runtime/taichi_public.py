@@ -27,6 +27,11 @@ def begin(backend: str) -> None:
     ti.sync()
 
 
+def close() -> bool:
+    """Return False: only the shutdown of the interpreter writes compiled kernels to the cache."""
+    return False
+
+
 def column(dtype: Any, n: int, zeroed: bool = True) -> ti.Ndarray:
     """Return a zeroed device array of n scalars."""
     return ti.ndarray(dtype, shape=(n,))

@@ -124,7 +124,13 @@ def _position_on_legs(legs: Legs, time: float) -> tuple[float, float]:
 
     Before or after the legs it is the nearer end.
     """
-    return polyline.position_at(legs, min(max(time, legs.time[0]), legs.time[-1]))
+    lon, lat = _positions_on_legs(legs, np.array([time]))[0].tolist()
+    return lon, lat
+
+
+def _positions_on_legs(legs: Legs, times: Array) -> Array:
+    """Return the positions on legs at times as `_position_on_legs` does, shape (n, 2)."""
+    return polyline.positions_at(legs, np.clip(times, legs.time[0], legs.time[-1]))
 
 
 def zones(sortie: Sortie, time: np.datetime64) -> list[Array]:
@@ -284,7 +290,7 @@ def _over_ground(sortie: Sortie) -> Legs:
     legs = sortie.legs
     between = [t for t in sortie.marker.time if legs.time[0] < t < legs.time[-1]]
     times = np.array(sorted({*legs.time, *between}))
-    where = np.array([_position_on_legs(legs, t) for t in times])
+    where = _positions_on_legs(legs, times)
     lon, lat = _moved(sortie, times, where[:, 0], where[:, 1])
     which = np.clip(
         np.searchsorted(legs.time, times[:-1], side="right") - 1, 0, len(legs.searching) - 1
@@ -296,7 +302,7 @@ def _moved(sortie: Sortie, times: Array, lon: Array, lat: Array) -> tuple[Array,
     """Return positions [deg] shifted with the marker from the datum by each time, (n,)."""
     assert sortie.marker is not None
     assert sortie.datum is not None
-    marker = np.radians([_position_on_legs(sortie.marker, t) for t in times])
+    marker = np.radians(_positions_on_legs(sortie.marker, times))
     east, north = sphere.offset(
         math.radians(sortie.datum[0]),
         math.radians(sortie.datum[1]),

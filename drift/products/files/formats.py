@@ -29,6 +29,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, (list, tuple)):
+        if all(type(v) is float and math.isfinite(v) for v in value):
+            return list(value)
         return [plain(v) for v in value]
     if value is None or isinstance(value, (bool, int, str)):
         return value

@@ -47,6 +47,7 @@ def write(
     overwrite: bool = False,
     processes: int = 1,
     tell: Callable[[float], None] = lambda share: None,
+    meanwhile: Callable[[], None] = lambda: None,
 ) -> list[Path]:
     """Write the outputs of a run's chapters into a folder, completely or not at all.
 
@@ -60,6 +61,7 @@ def write(
             write are removed.
         processes: number of processes that may draw pictures.
         tell: called with the share that is written, 0 to 1.
+        meanwhile: called after the files, while other processes draw.
 
     Returns:
         The paths of the files.
@@ -76,8 +78,9 @@ def write(
             for k, (name, make) in enumerate(outputs.files.items(), 1):
                 _write_file(staging / name, make(stamped), stamped)
                 tell(FILES * k / len(outputs.files))
+            _write_json({**stamped, **outputs.numbers}, staging / SUMMARY, indent=1)
+            meanwhile()
             finish(lambda share: tell(FILES + (PICTURES - FILES) * share))
-        _write_json({**stamped, **outputs.numbers}, staging / SUMMARY, indent=1)
         for name, digest in outputs.digests.items():
             digest(staging / name)
 

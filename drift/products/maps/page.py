@@ -13,6 +13,9 @@ from matplotlib.figure import Figure
 
 from drift.products.maps.chart import RED
 
+# of a picture or the report: these must not cost the other files of a long run
+FAILURES = (ArithmeticError, LookupError, StopIteration, TypeError, ValueError)
+
 
 def figure(width: float, height: float) -> tuple[Figure, FigureCanvasAgg]:
     """Return a white figure of a size [inches], and its canvas."""
@@ -35,7 +38,7 @@ def warn_on_failure(draw: Callable[[Path], None]) -> Callable[[Path], None]:
         try:
             with literal_text():
                 draw(path)
-        except (ArithmeticError, LookupError, StopIteration, TypeError, ValueError) as error:
+        except FAILURES as error:
             path.unlink(missing_ok=True)
             warnings.warn(
                 f"{path.name} could not be drawn ({error}); all other files are complete",

@@ -6,10 +6,13 @@ The folder of the cache lies below a file, which no user can make, the superuser
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 from places import ROOT
+
+from kernels.runtime import runtime
 
 LAUNCH = """
 import numpy as np
@@ -28,9 +31,11 @@ print(held.to_numpy())
 """
 
 
-def launched(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+def launched(
+    folder: Path, code: str = LAUNCH, **environment: str
+) -> subprocess.CompletedProcess[str]:
     """Return what a process does that starts Taichi and launches a kernel."""
-    (folder / "launch.py").write_text(LAUNCH, encoding="utf-8")
+    (folder / "launch.py").write_text(code, encoding="utf-8")
     own = {name: value for name, value in os.environ.items() if name != "XDG_CACHE_HOME"}
     return subprocess.run(
         [sys.executable, "launch.py"],
@@ -60,6 +65,46 @@ def test_a_cache_that_cannot_be_written_costs_a_line(tmp_path: Path, named: bool
     )
     assert (mended.returncode, mended.stdout, mended.stderr) == (0, "[3. 3. 3.]\n", "")
     assert list((tmp_path / "kept").glob("*.tic"))
+
+
+@pytest.mark.thorough
+def test_a_lock_of_a_killed_process_does_not_close_the_cache(tmp_path: Path) -> None:
+    """Taichi itself, with a lock that nobody holds, keeps no kernel."""
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    lock = kept / "ticache.lock"
+    lock.touch()
+    named = {"TI_OFFLINE_CACHE_FILE_PATH": str(kept)}
+    assert launched(tmp_path, **named).stdout == "[3. 3. 3.]\n"
+    assert [file.name for file in kept.iterdir()] == ["ticache.lock"]
+    os.utime(lock, (lock.stat().st_mtime - 301,) * 2)
+    assert launched(tmp_path, **named).stdout == "[3. 3. 3.]\n"
+    assert list(kept.glob("*.tic"))
+    assert not lock.exists()
+
+
+@pytest.mark.thorough
+def test_a_process_that_skips_its_shutdown_keeps_its_kernels(tmp_path: Path) -> None:
+    """Only Taichi's own end writes them otherwise; what `atexit` is to do is done as well."""
+    code = LAUNCH + "\nimport atexit, sys\natexit.register(print, 'at exit')\n"
+    code += "from drift.apps.cli import commands\ncommands.main = lambda: 3\ncommands.leave()\n"
+    done = launched(tmp_path, code, TI_OFFLINE_CACHE_FILE_PATH=str(tmp_path / "kept"))
+    assert (done.returncode, done.stdout, done.stderr) == (3, "[3. 3. 3.]\nat exit\n", "")
+    assert list((tmp_path / "kept").glob("*.tic"))
+    assert list((tmp_path / "kept").glob("*.tcb"))
+
+
+@pytest.mark.parametrize(("age", "stays"), [(290, True), (310, False)])
+def test_only_a_lock_of_minutes_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, age: int, stays: bool
+) -> None:
+    """A lock of moments may be held by another process that writes its kernels."""
+    lock = tmp_path / "ticache.lock"
+    lock.touch()
+    os.utime(lock, (time.time() - age,) * 2)
+    monkeypatch.setenv(runtime.NAMED, str(tmp_path))
+    assert runtime._caching()["offline_cache"]
+    assert lock.exists() == stays
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
