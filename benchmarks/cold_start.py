@@ -4,8 +4,11 @@
 
 Phases: import, taichi, read (forcing, coast), start (prior, choice of the step), drift, products,
 write. Kernels compile where they are first called: what start, drift and products lose from the
-first to the second run is compilation, what read loses is the decoding of GSHHG. Last is the
-processor time of all processes, which tells more where others use the machine too.
+first to the second run is compilation, what read loses is the decoding of GSHHG. Then comes the
+processor time of all processes, which tells more where others use the machine too. Last are
+`drift --help` and `import drift`, each in a process of its own, and the load of the machine (mean
+number of processes that run or wait, over a minute) before each run: with a load above its number
+of cores, wall times are of no use.
 """
 
 import argparse
@@ -14,6 +17,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import smallest
@@ -32,6 +36,8 @@ phases = {"import": imported, **result.summary["wall_time_s"]}
 print(json.dumps({**phases, "whole": time.perf_counter() - begin, "processor": sum(os.times()[:4])}))
 """
 
+SHORT = {"drift --help": ("-m", "drift", "--help"), "import drift": ("-c", "import drift")}
+
 
 def timed(case: str, place: Path, number: int) -> dict[str, float]:
     """Return the phases [s] of one run in a fresh process, with its caches under `place`."""
@@ -41,11 +47,16 @@ def timed(case: str, place: Path, number: int) -> dict[str, float]:
         "MPLCONFIGDIR": str(place / "mpl"),
     }
     command = [sys.executable, "-c", PROGRAM, case, str(place / f"out{number}")]
+    load = os.getloadavg()[0]
     done = subprocess.run(
         command, env={**os.environ, **caches}, check=True, capture_output=True, text=True
     )
     phases: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return phases
+    for name, arguments in SHORT.items():
+        begin = time.perf_counter()
+        subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
+        phases[name] = time.perf_counter() - begin
+    return {**phases, "load": load}
 
 
 def main() -> None:

@@ -3,8 +3,12 @@
 import json
 from pathlib import Path
 
+import pytest
+
+from drift.pipeline import flow
 from drift.products.files import chapter, writer
 from drift.products.files.chapter import OutputBundle
+from drift.products.maps.imprint import Imprint, Setting
 
 TABLE = {
     "a.txt": lambda one, stamped: f"{one} of {stamped['seed']}",
@@ -62,3 +66,53 @@ def test_chapters_become_one_result(tmp_path: Path) -> None:
     assert (told["title"], told["run_id"][-3:]) == ("t", "-s7")
     paths = writer.write(tmp_path / "calm", [OutputBundle(facts={"seed": "7"})])
     assert "warning" not in json.loads((tmp_path / "calm" / "summary.json").read_text())
+
+
+def test_what_is_done_meanwhile_finds_the_files_but_need_not_wait_for_pictures(
+    tmp_path: Path,
+) -> None:
+    """With one process, pictures are drawn last: none is there yet, and every file is."""
+    held: list[bool] = []
+
+    def draw(path: Path) -> None:
+        held.append((path.parent / "a.txt").exists())
+        path.write_bytes(b"ink")
+
+    topic = OutputBundle({}, chapter.bind_outputs(TABLE, "salt"), {"c.png": draw})
+    writer.write(tmp_path / "out", [topic, OutputBundle(facts={"seed": "7"})],
+                 meanwhile=lambda: held.append(False))  # fmt: skip
+    assert held == [False, True]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_the_items_of_a_report_are_made_once_and_cost_no_other_file(
+    tmp_path: Path, fails: bool
+) -> None:
+    """Items that fail, before the page is written and while it is, give one warning."""
+    asked: list[str] = []
+
+    def leaves() -> list[object]:
+        asked.append("items")
+        if fails:
+            raise ValueError("no such cell")
+        return []
+
+    topic = OutputBundle({"versions": {}}, chapter.bind_outputs(TABLE, "salt"), leaves=(leaves,))
+    run = OutputBundle(facts={"seed": "7"})
+
+    def publish() -> set[str]:
+        setting = Setting(Imprint("t"))
+        flow.publish_outputs(
+            tmp_path / "out", [run, topic], setting, overwrite=False, tell=lambda share: None
+        )
+        return {path.name for path in (tmp_path / "out").iterdir()}
+
+    if fails:
+        with pytest.warns(UserWarning, match=r"report\.html could not be drawn \(no such cell\)"):
+            names = publish()
+        assert "report.html" not in names
+    else:
+        names = publish()
+        assert "report.html" in names
+        assert asked == ["items"]
+    assert {"a.txt", "b.txt", "summary.json"} <= names

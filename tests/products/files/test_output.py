@@ -17,7 +17,7 @@ from drift.forecast import build as forecast_build
 from drift.forecast.products import chapter as forecast_chapter
 from drift.forecast.products import map as forecast_map
 from drift.forecast.tracks import Trajectories
-from drift.products.files import writer
+from drift.products.files import formats, writer
 from drift.products.files.chapter import OutputBundle
 from drift.products.maps.imprint import Imprint, Setting
 from geo import notation, sphere
@@ -309,3 +309,9 @@ def test_release_and_end_of_trajectories(tmp_path, forecast, tracks, direction):
     assert (data["time_ended"].values[::2] == start + 7201 * second).all()
     assert np.isnat(data["time_ended"].values[1::2]).all()
     np.testing.assert_array_equal(data["coast_edge"].values, events["edge"])
+
+
+def test_numbers_that_json_lacks_are_null_in_lists_too() -> None:
+    given = {"a": [1.0, 2.5], "b": [1.0, float("nan")], "c": (3.0, float("-inf"), [float("inf")])}
+    expected = {"a": [1.0, 2.5], "b": [1.0, None], "c": [3.0, None, [None]]}
+    assert json.loads(json.dumps(formats.plain(given), allow_nan=False)) == expected
