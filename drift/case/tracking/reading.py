@@ -280,8 +280,10 @@ def _moment(text: str) -> float:
 def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     """Return the tracks of a netCDF file; raise ValueError if it has none."""
     try:
-        with dataset.open_local(path, decode_timedelta=False) as data:
+        # without indexes, for which xarray would read all times
+        with dataset.open_local(path, decode_cf=False, create_default_indexes=False) as data:
             _check_unpacked(data, path)
+        with dataset.open_local(path, decode_timedelta=False) as data:
             return _tracks(data.load(), path, wanted)
     except OSError as error:
         if "Unknown file format" in str(error):
