@@ -56,7 +56,9 @@ def particles() -> record.Ensemble:
     return ensemble
 
 
-@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize(
+    "direction", [1, pytest.param(-1, marks=pytest.mark.thorough)], ids=["on", "back"]
+)
 @pytest.mark.parametrize(
     "times",
     [T0 + 3600 * np.arange(-30, 31, 3), np.sort(T0 + 1800 * np.array([*range(-60, 61, 4), 7, 29]))],
