@@ -147,6 +147,12 @@ def until(happened: Any, seconds: float) -> Any:
     raise AssertionError(f"not in {seconds} s")
 
 
+def mistakes(page: Any) -> int:
+    """Return the number of mistakes that the form shows; that a case lies in the past is none."""
+    shown: int = page.locator("#form .beside, #messages .wrong").count()
+    return shown
+
+
 def on_map(page: Any, value: str) -> Any:
     """Return what the module of the page's map has: an expression of `sea`, its exports."""
     return page.evaluate(f"import('/assets/map.js').then((sea) => {value})")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from desk_cases import kayak
 from desk_pages import PATIENCE, SIZES, Page
-from desks import Server, until
+from desks import Server, mistakes, until
 
 pytestmark = pytest.mark.browser
 
@@ -96,7 +96,7 @@ def test_from_the_call_to_a_tasking(browser: Any, served: Server, size: str) -> 
     desk.fill("unit.0.base", "50 06N 005 32W")
     desk.fill("plan.begin", "+8 h")
     desk.fill("plan.until", "+15 h")
-    until(lambda: page.locator("#form .wrong:not([hidden]):not(:empty)").count() == 0, 60)
+    until(lambda: not mistakes(page), 60)
     desk.press("Plan the next search")
     moved = page.get_by_role("button", name="Move A-1")
     moved.wait_for(timeout=PATIENCE)

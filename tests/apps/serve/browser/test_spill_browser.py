@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from desk_pages import PATIENCE, SIZES, Page
-from desks import Server, until
+from desks import Server, mistakes, until
 
 pytestmark = pytest.mark.browser
 
@@ -94,7 +94,7 @@ def test_from_containers_to_patrols(browser: Any, served: Server, size: str) -> 
     number_lost(desk, 1, "30 to 50", [90, 110])
     page.locator("#form details summary", has_text="How they were lost").click()
     desk.fill("spill.worlds", "150")
-    until(lambda: page.locator("#form .wrong:not([hidden]):not(:empty)").count() == 0, 60)
+    until(lambda: not mistakes(page), 60)
     desk.press("Run the forecast")
     on_map = page.get_by_role("button", name="Areas on the map")
     on_map.wait_for(timeout=PATIENCE)
@@ -189,7 +189,7 @@ def plan_patrols(desk: Page, name: str) -> None:
     desk.fill("patrol_unit.0.first", "281400ZNOV26")
     desk.fill("patrol_unit.0.base", "53 23N 005 16E")
     desk.fill("patrol_unit.0.length", "25 km")
-    until(lambda: page.locator("#form .wrong:not([hidden]):not(:empty)").count() == 0, 60)
+    until(lambda: not mistakes(page), 60)
     desk.press("Plan the patrols")
     keep = page.get_by_role("button", name=re.compile("Keep team.* as carried out"))
     keep.first.wait_for(timeout=PATIENCE)
