@@ -28,7 +28,7 @@ const show = guarded(async () => {
   const told = await ask("/api/folder");
   get("folder").textContent = told.folder;
   document.title = `drift: ${told.folder}`;
-  list("cases", told.cases, case_row, "No case yet: start from one of those below, or write one.");
+  list("cases", told.cases, case_row, "No case yet: New search begins one for a person, a boat or a spill. Below are templates and examples.");
   if (!told.cases.length) get("shipped-box").open = true;
   list("shipped", told.shipped, shipped_row, "");
   list("runs", told.runs, run_row, "No results yet.");
