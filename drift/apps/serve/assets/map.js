@@ -141,6 +141,8 @@ const coast = guarded(async () => {
   }));
 });
 
+// its first frame may come before the page is laid out, and no other follows until something changes
+new ResizeObserver(() => chart.render()).observe(target);
 chart.on("moveend", () => {
   coast();
   const [lon, lat] = inverse(middle_of_view());

@@ -25,6 +25,15 @@ def quarters() -> bytes:
     return file.getvalue()
 
 
+def test_a_first_visit_shows_land(browser: Any, tmp_path: Path) -> None:
+    """Before anything is touched, and with nothing kept in the browser: the map stayed empty."""
+    with Server(tmp_path.resolve()) as served:
+        page = browser.new_page(viewport={"width": 900, "height": 700})
+        page.goto(f"http://{served.host}/?token={served.secret.token}")
+        until(lambda: on_map(page, "sea.land.getFeatures().length") > 0, 60)
+        page.close()
+
+
 def test_a_chart_lies_where_its_tiles_are(browser: Any, tmp_path: Path) -> None:
     """Tile 1/0/0 has its middle at 90 W 66.51326 N: arctan(sinh(pi / 2)) on the web's Mercator."""
     folder = tmp_path / "cases"
