@@ -18,13 +18,14 @@ FOLDER = ROOT / "benchmarks" / "figures"
 PAGE = ROOT / "docs" / "performance.md"
 HISTORY = ROOT / "docs" / "history.md"
 BEGIN, END = "<!-- figures: begin -->\n", "<!-- figures: end -->\n"
-WORSE = 1.15  # a figure that is marked, relative to that of the run before: timings scatter by 10 %
+WORSE = 1.15  # a figure that is marked, relative to that of the run before
 
 Run = dict[str, Any]
 INTRODUCTION = f"""# Performance over time
 
 Each table holds the runs of one benchmark, the newest last. A figure in bold is at least {WORSE - 1:.0%} worse than that of the run before. Compare runs of one machine
-only: where others shared it, all its figures are worse. A `+` after a commit: files differed from it.
+only. Where other programs share it, whole runs scatter by a quarter: repeat a bold figure, and run the earlier commit beside it, before you look for a cause. A `+`
+after a commit: files differed from it.
 
 To add a run: `python benchmarks/throughput.py --json benchmarks/figures/throughput.json`, and so on, then `python docs/generate/figures.py`.
 """

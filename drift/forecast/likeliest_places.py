@@ -16,7 +16,8 @@ from geo.notation import NMI
 
 REACH = 2.5 * NMI  # [m] a stretch of coast reaches so far on both sides of its middle
 LEAST = 0.01  # probability ashore below which no stretch of coast is named
-ROUNDING = 1e-6  # of a sum of float32 probabilities: stretches that hold alike
+# relative: sums of float32 probabilities that differ by less are equal
+ROUNDING = 1e-6
 
 
 class LikelyPlace(NamedTuple):
@@ -83,6 +84,6 @@ def _densest_stretch(ashore: Array, area: Array, lon: Array, lat: Array) -> tupl
     near = tree.query_ball_point(points, chord)
     sums = np.array([mass[beside].sum() for beside in near])
     density = mass / area[rows, columns]
-    alike = sums >= sums.max() * (1 - ROUNDING)
-    k = int(np.argmax(np.where(alike, density, -1.0)))
+    equal = sums >= sums.max() * (1 - ROUNDING)
+    k = int(np.argmax(np.where(equal, density, -1.0)))
     return int(rows[k]), int(columns[k]), float(sums[k])

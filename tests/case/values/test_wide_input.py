@@ -48,7 +48,7 @@ def test_what_is_no_such_key(text: str) -> None:
 
 @pytest.mark.parametrize("letter", ["x", '"', "'", "a.", '"a"', "[", "'\""])
 def test_the_search_for_such_keys_ends_on_any_line(letter: str) -> None:
-    """A search that begins anew at each letter would take hours here."""
+    """A search that starts again at each letter would take hours here."""
     with pytest.raises((ValueError, RecursionError), match=r"\w"):
         parse_toml(letter * (2**20 // len(letter)))
 

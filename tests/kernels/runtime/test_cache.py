@@ -69,7 +69,7 @@ def test_a_cache_that_cannot_be_written_costs_a_line(tmp_path: Path, named: bool
 
 @pytest.mark.thorough
 def test_a_lock_of_a_killed_process_does_not_close_the_cache(tmp_path: Path) -> None:
-    """Taichi itself, with a lock that nobody holds, keeps no kernel."""
+    """Taichi itself, with a lock that no process holds, keeps no kernel."""
     kept = tmp_path / "kept"
     kept.mkdir()
     lock = kept / "ticache.lock"

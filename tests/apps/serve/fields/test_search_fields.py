@@ -172,3 +172,8 @@ def test_messages_have_their_field(old: str, new: str, field: str) -> None:
     assert check({"path": "/x/a.toml", "text": text}, print) == {"messages": []}
     told = check({"path": "/x/a.toml", "text": text.replace(old, new)}, print)["messages"]
     assert field in [one["field"] for one in told], told
+
+
+def test_a_number_that_is_none_names_its_field() -> None:
+    with pytest.raises(UserError, match=r"spill\.class\.0\.number: inf is too large a number"):
+        search_fields.check_value("spill.class.0.number", [1, float("inf")])

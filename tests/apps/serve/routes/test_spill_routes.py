@@ -1,10 +1,13 @@
 """Routes of spills: what they take, the tracks they save, and the places of finds on the shore."""
 
+import base64
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import pytest
 import small_case
+import xarray as xr
 from desks import Server, check_strangers
 
 GPX = '<?xml version="1.0"?><gpx version="1.1"><trk><trkseg/></trk></gpx>'
@@ -124,3 +127,35 @@ def test_what_is_no_spill_is_one_line(served: Server) -> None:
     assert told["mistakes"] == ["done: holds no stretches of coast that the page can show"]
     told = served.json("POST", "/api/washup/keep", GOOD["washup/keep"])
     assert told["mistakes"] == ["done: holds no patrols that the page can show"]
+
+
+def ship(tmp_path: Path) -> bytes:
+    path = tmp_path / "made.nc"
+    xr.Dataset({"lon": ("time", [4.6, 4.7]), "lat": ("time", [53.5, 53.6])}).to_netcdf(
+        path, engine="scipy"
+    )
+    return path.read_bytes()
+
+
+def test_a_track_in_netcdf_is_saved_byte_by_byte(served: Server, tmp_path: Path) -> None:
+    data = ship(tmp_path)
+    text = base64.b64encode(data).decode()
+    assert served.json("POST", "/api/spill/track", {"name": "ship.nc", "text": text})
+    assert (served.folder / "ship.nc").read_bytes() == data
+    status, _, answer = served.ask("POST", "/api/spill/track", {"name": "SHIP.nc", "text": text})
+    assert (status, b"exists already" in answer) == (409, True)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("time,lon,lat", "is sent in base64"),
+        (base64.b64encode(b"<gpx>" * 9).decode(), "begins with neither CDF nor HDF"),
+        ("Q0RGAQ==\u00e9", "is sent in base64"),
+        ("", "begins with neither CDF nor HDF"),
+    ],
+)
+def test_what_is_no_netcdf(served: Server, text: str, line: str) -> None:
+    status, _, answer = served.ask("POST", "/api/spill/track", {"name": "ship.nc", "text": text})
+    assert (status, line in answer.decode()) == (400, True), answer
+    assert not (served.folder / "ship.nc").exists()
