@@ -8,12 +8,12 @@ from typing import Any
 import hostile
 import netCDF4
 import pytest
+from desk_pages import PATIENCE, Page
 from desks import Server, until
 from ocean_servers import AXES, TABLE, ocean
 
 pytestmark = pytest.mark.browser
 
-PATIENCE = 120_000  # [ms] on a busy machine
 CASE = """title = "a raft" # as called in
 start = "2024-03-01T06:00Z"
 duration = "7 h"
@@ -56,18 +56,9 @@ def test_a_current_is_fetched(browser: Any, served: Server) -> None:
     """By the keyboard; the size comes first, and the files stand in the form at the end."""
     from axe_playwright_python.sync_playwright import Axe
 
-    context = browser.new_context(viewport={"width": 1440, "height": 900}, bypass_csp=True)
-    page = context.new_page()
+    desk = Page(browser, served, "desktop", bypass_csp=True)
+    page = desk.page
     page.set_default_timeout(PATIENCE)
-    outside: list[str] = []
-    page.on(
-        "request",
-        lambda asked: (
-            not asked.url.startswith((f"http://{served.host}/", "data:", "blob:"))
-            and outside.append(asked.url)
-        ),
-    )
-    page.goto(f"http://{served.host}/?token={served.secret.token}")
     page.get_by_role("button", name="raft.toml").click()
     until(lambda: page.get_by_label("Position", exact=True).input_value(), 60)
     box = page.locator("#fetch-box > summary")
@@ -108,5 +99,5 @@ def test_a_current_is_fetched(browser: Any, served: Server) -> None:
     page.get_by_label("Domain of the run").uncheck()
     assert page.evaluate(BOX, "domain") is None
     assert page.evaluate(BOX, "covers_current") is not None
-    assert outside == []
-    context.close()
+    assert desk.outside == []
+    desk.context.close()

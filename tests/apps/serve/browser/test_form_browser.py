@@ -1,18 +1,15 @@
 """The story of a first map in a real browser: a kayaker is overdue; no TOML is written by hand."""
 
 import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from desk_pages import PATIENCE, SIZES, Page
 from desks import Server, on_map, until
 
 pytestmark = pytest.mark.browser
-
-PATIENCE = 120_000  # [ms] on a busy machine
-SIZES = {"desktop": {"width": 1600, "height": 950}, "phone": {"width": 390, "height": 844}}
 
 
 @pytest.fixture
@@ -31,20 +28,8 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
     """
     from axe_playwright_python.sync_playwright import Axe
 
-    context = browser.new_context(viewport=SIZES[size], bypass_csp=False)
-    page = context.new_page()
-    complaints: list[str] = []
-    outside: list[str] = []
-    page.on("console", lambda told: told.type == "error" and complaints.append(told.text))
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on(
-        "request",
-        lambda asked: (
-            not asked.url.startswith((f"http://{served.host}/", "data:", "blob:"))
-            and outside.append(asked.url)
-        ),
-    )
-    page.goto(f"http://{served.host}/?token={served.secret.token}")
+    desk = Page(browser, served, size)
+    page = desk.page
     page.get_by_role("button", name="New search").click()
     at = page.get_by_label("Position", exact=True)
     # what is missing stands beside its field
@@ -52,12 +37,9 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
         timeout=PATIENCE
     )
 
-    def tables() -> Any:
-        return tomllib.loads(page.locator("#text").input_value())
-
     def becomes(value: Any, *keys: Any) -> None:
         def is_so() -> bool:
-            found = tables()
+            found = desk.tables()
             for key in keys:
                 if key not in (found if isinstance(found, dict) else range(len(found))):
                     return False
@@ -76,7 +58,7 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
     )
     page.get_by_role("button", name="Click on the map").first.click()
     page.locator("#map").click(position={"x": 120, "y": 330})
-    until(lambda: tables()["scenario"][0]["position"]["at"] != "50 02.2N 005 31.7W", 60)
+    until(lambda: desk.tables()["scenario"][0]["position"]["at"] != "50 02.2N 005 31.7W", 60)
     at.fill("49 55.0N 005 40.0W")  # for where the click was may be on land
     at.press("Tab")
     becomes("49 55.0N 005 40.0W", "scenario", 0, "position", "at")
@@ -109,8 +91,7 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
     assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[size]["width"]
     found = on_map(page, "sea.shown.areas.every.length")
     assert found == 9  # three areas at each of three times
-    assert complaints == []
-    assert outside == []
+    assert desk.complaints == []
     if size == "desktop":
         page.get_by_role("button", name="Text", exact=True).click()
         text = page.locator("#text").input_value()
@@ -121,7 +102,7 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
         page.get_by_role("button", name="Areas on the map").click()
         page.get_by_text("Areas of search_").wait_for(timeout=PATIENCE)
         assert list(served.folder.glob("search_*.toml"))
-    context.close()
+    desk.context.close()
     with browser.new_context(viewport=SIZES[size], bypass_csp=True) as checked:
         page = checked.new_page()
         page.goto(f"http://{served.host}/?token={served.secret.token}")
@@ -129,4 +110,4 @@ def test_a_kayaker_is_overdue(browser: Any, served: Server, size: str) -> None:
         page.get_by_text("the place is missing").first.wait_for(timeout=PATIENCE)
         violations = Axe().run(page).response["violations"]
     assert [(one["id"], [node["html"] for node in one["nodes"]][:3]) for one in violations] == []
-    assert outside == []
+    assert desk.outside == []
