@@ -96,8 +96,11 @@ class SharedRegion:
 
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
-    ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the land and coast of a case in its box: those of the region, if they are equal."""
+    ) -> tuple[Shore, shoreline.Coast | None]:
+        """Return the land and coast of a case in its box: those of the region, if they are equal.
+
+        The land of a wide region is not read: its coast may have coarser cells than the case's.
+        """
         if (
             is_wide(self.box)
             or not lies_inside(domain.around(spec, 0.0, domain.FARTHEST), box)

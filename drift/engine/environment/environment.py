@@ -69,10 +69,8 @@ class Common(Protocol):
 
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
-    ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the shared land and coast, valid within a box; None if there is nothing to
-        share.
-        """
+    ) -> tuple[Shore, shoreline.Coast | None]:
+        """Return the land and coast of a box, shared where that changes nothing."""
 
 
 def open_for(
