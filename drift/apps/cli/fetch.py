@@ -170,7 +170,7 @@ def _confirm_size(size: float, *, interactive: bool) -> None:
     )
     if not interactive or not sys.stdin or not sys.stdin.isatty():
         raise UserError(
-            f"this is {much}: add --yes to fetch it, or ask for a smaller box or a shorter span"
+            f"this is {much}: ask for a smaller box or a shorter span; on the command line, --yes fetches it"
         )
     print(f"Fetch {much}? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):

@@ -303,8 +303,8 @@ def _check_unpacked(data: xr.Dataset, path: Path) -> None:
     packed = sum(one.stat().st_size for one in files)
     if data.nbytes > max(LARGEST, MOST_UNPACKED * packed):
         raise ValueError(
-            f"has {packed:,} bytes, and {data.nbytes:,} in memory; at most {LARGEST:,} or "
-            f"{MOST_UNPACKED} times its size are read: is it empty for the most part?"
+            f"has {packed:,} bytes, and {data.nbytes:,} in memory: most of it was never written; "
+            f"drift reads at most {LARGEST:,} bytes, or {MOST_UNPACKED} times the size of the file"
         )
 
 

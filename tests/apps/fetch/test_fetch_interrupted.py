@@ -177,7 +177,7 @@ def test_the_command_asks_before_large_amounts_and_tells_all(
         assert " kB" in streams.out
         assert not list(tmp_path.glob(".drift*"))
         assert cli.main(words) == 2
-        assert "add --yes to fetch it" in capsys.readouterr().err
+        assert "--yes fetches it" in capsys.readouterr().err
         assert cli.main([*words, "--yes"]) == 0
         told = capsys.readouterr().out
         assert "[[current]]" in told
