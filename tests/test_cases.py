@@ -20,6 +20,7 @@ SLOW = {
     "medsearch_transit",
     "pacsearch",
     "paria",
+    "smuggler_bridge",
     "washington_drums",
     "zoe_containers",
 }

@@ -178,6 +178,7 @@ def test_and_on_whatever_grid_and_shore(tmp_path: Path, grid: str) -> None:
         same(one, drift.run(own))
 
 
+@pytest.mark.thorough
 def test_what_is_ready_to_be_sampled_is_made_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -305,6 +306,7 @@ def test_what_is_asked_for_wrongly_is_told_at_once() -> None:
     assert "[spill]" in str(spill.error)
 
 
+@pytest.mark.thorough
 def test_maps_are_those_of_a_run(tmp_path: Path) -> None:
     base = case(
         tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson")

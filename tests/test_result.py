@@ -105,6 +105,7 @@ def test_columns_of_times_are_times_whatever_they_are_called() -> None:
     assert frame.isna().sum().tolist() == [1, 2, 0]
 
 
+@pytest.mark.thorough
 def test_particles_are_those_of_the_file(ran: tuple[drift.Result, Path]) -> None:
     result, folder = ran
     # the Earth, a number of no meaning by itself

@@ -157,6 +157,7 @@ def test_what_a_run_tells_of_members(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_a_dataset_with_members(tmp_path: Path) -> None:
     file(tmp_path)
     with xr.open_dataset(tmp_path / "ens.nc") as data:

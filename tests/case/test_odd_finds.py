@@ -169,6 +169,7 @@ def test_stretches_whose_kind_of_shore_has_no_rate(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "find",
     [

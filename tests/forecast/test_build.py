@@ -59,6 +59,7 @@ def test_areas_hold_their_share_of_new_particles(cloud, n):
         assert -0.015 < error < 0.025, (share, error)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("cloud", [normal, far_apart, filament])
 def test_few_particles_err_on_the_wide_side(cloud):
     rng = np.random.default_rng(8)

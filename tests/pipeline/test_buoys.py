@@ -281,6 +281,7 @@ def test_a_buoy_where_the_domain_cuts_the_forcing_off_is_rejected(tmp_path: Path
     moved(tmp_path, BUOY.format("buoy"), text=wide, particles=500)
 
 
+@pytest.mark.thorough
 def test_the_summary_and_the_report_say_what_each_buoy_showed(tmp_path: Path) -> None:
     """Two buoys with the same error; the mean of the errors given their tracks is next to it."""
     pull = np.array([0.21, -0.13])

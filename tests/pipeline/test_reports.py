@@ -266,6 +266,7 @@ def test_reports_off_the_forcing_are_rejected(tmp_path: Path) -> None:
     moved(tmp_path, more.replace("T21:", "T22:"), text=text, particles=200, hours=2)
 
 
+@pytest.mark.thorough
 def test_the_summary_and_the_report_say_what_each_changed(tmp_path: Path) -> None:
     """Of a residual, and of one that is odd."""
     shown = np.array([0.2, 0.1])

@@ -202,6 +202,7 @@ def test_containers_without_waves_are_told_to_lack_them(tmp_path: Path) -> None:
     assert words not in drift.check(case_of(tmp_path, **box))['scenario "raft"']
 
 
+@pytest.mark.thorough
 def test_a_buoy_drifts_with_waves_that_lines_of_the_object_include(tmp_path: Path) -> None:
     where = run_setup.open_for(case_of(tmp_path))
     assert where.scenarios[0].of("stokes") == ()
@@ -229,6 +230,7 @@ def test_a_buoy_drifts_with_waves_that_lines_of_the_object_include(tmp_path: Pat
     assert shown["excess_m_s"] < 0.005
 
 
+@pytest.mark.thorough
 def test_a_change_to_an_object_of_the_other_kind_is_refused_with_a_remedy_that_works(
     tmp_path: Path,
 ) -> None:

@@ -47,6 +47,7 @@ def test_a_miss_is_a_line_and_exit_status_1_and_the_results_stand(tmp_path, caps
     assert "missed [expect]: adrift: 100 %" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("expected", ["", "adrift = [0, 0]"])
 def test_a_case_that_expects_nothing_says_nothing(tmp_path, capsys, expected):
     assert run(tmp_path, expected, "--set", "expect={}") == 0

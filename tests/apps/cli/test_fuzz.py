@@ -28,6 +28,7 @@ def test_mutated_cases_are_refused_in_lines_or_understood(first: int, tmp_path: 
     ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("made", ["packed", "roms", "fvcom", "classic", "checksums"])
 def test_damaged_files_are_refused_in_a_line_or_read(made: str, tmp_path: Path) -> None:
     whole = fuzz_files.NETCDF[made](tmp_path / "whole.nc")

@@ -122,6 +122,7 @@ def test_kml_has_the_search_and_the_plan_and_needs_no_colour(run: Path, tmp_path
     assert summary["uncertainty"]["told"] in told
 
 
+@pytest.mark.thorough
 def test_files_say_who_made_them(run: Path, forecast: xr.Dataset) -> None:
     told = {
         "creator_name": "MRCC <test>",

@@ -213,6 +213,7 @@ def test_components_at_other_points_are_refused(tmp_path: Path) -> None:
         )  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_a_run_reads_what_was_fetched(tmp_path: Path) -> None:
     lon, lat, box = AXES["-180..180, across 180"]
     with hostile.serving(hostile.speaking_dap(ocean(lon, lat))) as address:

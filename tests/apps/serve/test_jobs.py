@@ -249,6 +249,7 @@ FATES = {  # what a process does, and what its log ends with
 }  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fate", FATES)
 def test_a_job_that_takes_too_much_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fate: str

@@ -231,6 +231,7 @@ def test_another_program_in_the_log_is_noticed(tmp_path: Path) -> None:
     assert [one["action"] for one in log.end()[:2]] == [desk_log.FOREIGN, "saved"]
 
 
+@pytest.mark.thorough
 def test_the_description_is_whole_and_valid(running: Server) -> None:
     """It is valid OpenAPI 3.1, has every route but the page's own, and the check notices a lie."""
     document = running.contract.document

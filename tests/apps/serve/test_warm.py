@@ -74,6 +74,7 @@ def test_objects_in_everyday_words(served: Server) -> None:
 DOMAIN = "domain = { west = -91.5, south = 25.25, east = -84.75, north = 29.5 }\n"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("text", "box"),
     [
@@ -206,6 +207,7 @@ def test_a_warm_process_cannot_write_into_the_folder(asked: Server) -> None:
     assert asked.folder in made._fence.folders
 
 
+@pytest.mark.thorough
 def test_a_process_that_dies_is_replaced(asked: Server) -> None:
     def children() -> set[int]:
         found = set()

@@ -89,6 +89,7 @@ def test_what_an_answer_is_taken_for(
         assert asyncio.run(webhook.parse(there.address).post({})) == line
 
 
+@pytest.mark.thorough
 def test_a_silent_address_does_not_hold_up_the_end(tmp_path: Path) -> None:
     """The server ends although no answer comes; the thread that still waits is no reason to stay."""
     (tmp_path / "case.toml").write_text(small_case.STEADY, encoding="utf-8")

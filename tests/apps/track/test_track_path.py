@@ -148,6 +148,7 @@ def test_legs_are_great_circles() -> None:
             assert barrier.on_legs(begin, np.stack([end, begin, end])).tolist() == [met, False, met]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("lon", "lat"), [(-77.2, 18.1), (178.8, -17.6), (16.0, 78.2)]
 )  # Jamaica; Fiji, across 180; Svalbard

@@ -112,6 +112,7 @@ def test_other_times_change_no_bit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(one.batches[:, :, 0], other.batches[:, :, 1])
 
 
+@pytest.mark.thorough
 def test_a_time_at_which_nothing_is_left_on_the_map_is_rejected(tmp_path: Path) -> None:
     """The remedy works: a time before all have sunk, also where all sink in some forecasts."""
     sinks = {"name": "sunk", "at": "+1 h", "sinks": True}

@@ -85,6 +85,7 @@ def test_files_hold_the_figures(ensemble: Path) -> None:
         assert inside == pytest.approx(stored, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_the_text_names_the_greatest_and_what_to_do(tmp_path: Path) -> None:
     errors = {"current": {"std": 0.3, "time": "4 h"}}
     case = trial_case.load(tmp_path, uncertainty=errors)

@@ -120,6 +120,7 @@ def test_two_variants_of_one_name_are_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.thorough
 def test_a_tracking_case_has_its_own_ways_and_figures(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="a tracking case has"):
         command.experiment("closing", figures=["x"])

@@ -74,6 +74,7 @@ def test_a_wind_and_a_current(tmp_path: Path) -> None:
     np.testing.assert_allclose([one.error, two.error], [3 * KNOT, 0.2 * KNOT])
 
 
+@pytest.mark.thorough
 def test_check_says_what_was_reported(tmp_path: Path) -> None:
     few = "particles = 500\n" + CASE
     found = drift.check(load(tmp_path, WIND + CURRENT, few))

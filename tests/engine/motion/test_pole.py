@@ -108,6 +108,7 @@ def final(case: Path) -> tuple[float, float]:
     return math.radians(float(tracks.lon[-1, 0])), math.radians(float(tracks.lat[-1, 0]))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("pole", [1, -1])
 def test_typed_forcing_near_a_pole_has_one_direction_in_its_plane(
     tmp_path: Path, pole: int

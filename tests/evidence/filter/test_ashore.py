@@ -78,6 +78,7 @@ def test_pos_afloat_and_ashore(
         )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("moves", MOVES)
 @pytest.mark.parametrize("ashore", ["true", "false"])
 def test_a_table_of_pod_afloat_and_ashore(tmp_path: Path, moves: str, ashore: str) -> None:

@@ -83,6 +83,7 @@ def apart(a, b):
     return np.abs((a - b + 180) % 360 - 180)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["position", "course", "combined"])
 def test_what_a_contact_rules_out_is_placed_by_the_rules_of_the_paper(tmp_path, method):
     result = run(tmp_path, method)

@@ -81,6 +81,7 @@ def of_every_kind(folder):
     return f"{any(update.resampled for update in told.all[:-1])} {digest} {told.log_evidence.hex()}"
 
 
+@pytest.mark.thorough
 def test_the_same_bits_for_any_number_of_threads(one_thread, tmp_path):
     """A process of its own has one; this one has two."""
     script = """

@@ -279,6 +279,7 @@ bridge = {{ k = "{k} nmi/sqrt(h)", points = [
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("k", "exact", "hours", "n"),
     [(12, 5.576e-4, 4, 20_000), (24, 0.1537, 4, 8_000), (24, 0.1537, 1, 8_000)],

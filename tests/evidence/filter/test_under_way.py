@@ -99,6 +99,7 @@ class Yachts:
         return np.array([place[0] + east, lat])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", [3600, 10_800])
 def test_the_position_law_at_distress_and_later(tmp_path: Path, step: int) -> None:
     """Positions 7 h, 20 h and 44 h on, and where it was at its distress; statuses in their shares."""

@@ -70,6 +70,7 @@ def test_a_beam_is_its_directivity_and_the_pattern() -> None:
         )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("elements", "spacing", "frequency"),
     [(2, 1.5, 500.0), (32, 1.5, 500.0), (96, 3.0, 180.0), (16, 4.0, 700.0)],

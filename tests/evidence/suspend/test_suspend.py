@@ -154,6 +154,7 @@ law = "definite_range"
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("more", ["", "[resampling]\nbelow = 0.999\n"])
 def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, more: str) -> None:
     """A uniform prior at rest, its west searched, then its south: posterior and alive in closed
@@ -259,6 +260,7 @@ def small(
     return result, told, folder / "out"
 
 
+@pytest.mark.thorough
 def test_a_day_like_the_last_one(small: tuple[drift.Result, decision.Suspension, Path]) -> None:
     """What is swept is W v t; a uniform area holds what random search of it finds, the searched
     third less.

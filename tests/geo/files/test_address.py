@@ -188,6 +188,7 @@ def test_a_bad_server_is_one_line(kind: str) -> None:
     assert str(raised.value).endswith("set [[current]] files or timeout")
 
 
+@pytest.mark.thorough
 def test_a_server_that_never_accepts_is_one_line() -> None:
     with hostile.never_accepting() as url, pytest.raises(UserError, match="did not answer for"):
         dataset.open_one(url, "current", SHORT)
@@ -245,6 +246,7 @@ def test_closing_forcing_does_not_wait_for_a_server() -> None:
     assert watch.seconds() < 2
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_a_process_of_an_address_ends_with_ours_even_when_that_is_killed() -> None:
     came, gone = threading.Event(), threading.Event()

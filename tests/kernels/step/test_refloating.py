@@ -22,6 +22,7 @@ from kernels.step import advance as kernel
 from kernels.step import coast as device_coast
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", [900, 1800, 3600])
 def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: int) -> None:
     n, half = 20_000, 6 * 3600

@@ -231,6 +231,7 @@ def test_a_walk_near_the_pole_has_no_drift_of_its_own() -> None:
     assert (np.abs(way.mean(axis=1)) < 4.5 * way.std(axis=1) / np.sqrt(n)).all()
 
 
+@pytest.mark.thorough
 def test_debris_jibes_and_walks_on_its_own() -> None:
     """It shares the errors of the forcing with its object slot by slot, to the bit; sides and walks
     are independent.

@@ -193,6 +193,7 @@ os.rename = last
     assert same_files.differences(tmp_path / "fresh", out) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", ["altered", "gone", "no manifest"])
 def test_results_that_are_not_as_they_were_written_are_made_anew(
     case: drift.Case, finished: Path, out: Path, fault: str

@@ -261,6 +261,7 @@ def test_patrols_made_as_planned_find_as_many(planned, tmp_path: Path) -> None:
     assert (tmp_path / "patrols.png").stat().st_size > 10_000
 
 
+@pytest.mark.thorough
 def test_patrols_and_stretches_for_other_programs(planned, tmp_path: Path) -> None:
     """GPX, KML and GeoJSON hold the line of each stretch that is visited, by its id, as long as it
     is.

@@ -71,6 +71,7 @@ def test_no_metre_on_land_among_skerries(norway: np.ndarray, keeps: float) -> No
         assert (close > 0) == (keeps > 0)
 
 
+@pytest.mark.thorough
 def test_arrival_is_never_early_and_hardly_late(norway: np.ndarray) -> None:
     rng = np.random.default_rng(3)
     places = np.column_stack([rng.uniform(4.5, 4.9, 12), rng.uniform(60.45, 60.7, 12)])

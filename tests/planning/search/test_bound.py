@@ -77,6 +77,7 @@ def test_a_circular_normal(u: float) -> None:
     assert filled(u, lambda c: laws.pod(Law(), c)) < filled(u, any_legs)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("grows", [4.0, 0.25])
 def test_a_circular_normal_that_grows_or_shrinks(grows: float) -> None:
     """As Koopman's that stands still, an hour's search counting by 1 over the square of how wide

@@ -117,6 +117,7 @@ def drifting_square(
     return float(tracks.weight @ chance[:, 0])
 
 
+@pytest.mark.thorough
 def test_legs_too_close_together_are_not_proposed(
     few_trials: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

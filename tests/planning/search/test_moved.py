@@ -49,6 +49,7 @@ def moved(folder: Path, moves: Any) -> Any:
     return ask("plan/pos", folder=str(folder), run=RUN, moves=moves)
 
 
+@pytest.mark.thorough
 def test_the_plan_as_its_files_state_it(folder: Path, planned: Any) -> None:
     stated = json.loads((folder / RUN / "plan.json").read_text())
     assert planned["total"] == stated["pos"]

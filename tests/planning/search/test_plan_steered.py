@@ -217,6 +217,7 @@ def test_random_search_counts_the_time_in_each_state() -> None:
     np.testing.assert_allclose(found[:, 0], [0.3 * 2.0 + 0.7 * 0.5, 0.5], rtol=1e-4)
 
 
+@pytest.mark.thorough
 def test_bins_end_where_steps_do_and_are_short(mixture: tuple[Job, Tracks]) -> None:
     job, tracks = mixture
     assert np.diff(tracks.time).max() <= follow.SHORTEST

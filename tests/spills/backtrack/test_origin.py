@@ -68,6 +68,7 @@ def weights(
     return ensemble.log_weight.to_numpy(), ensemble.lat.to_numpy() * sphere.UNIT
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scheme", ["rk2", "rk4"])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_log_weights_lose_the_divergence_along_the_track(direction: int, scheme: str) -> None:
@@ -221,6 +222,7 @@ def test_finds_multiply_within_a_world_not_between_averages(tmp_path) -> None:
     assert abs(mean[2] - shared.mean[2]) > 6 * error[2]
 
 
+@pytest.mark.thorough
 def test_what_may_have_sunk_came_from_near(tmp_path) -> None:
     """With the same tracks a half-life multiplies each release time by 2^-(age / half-life), find
     by find.

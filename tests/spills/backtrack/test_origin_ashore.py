@@ -109,6 +109,7 @@ def test_finds_ashore_tell_the_release_by_the_law_of_arrivals(tmp_path, count: i
     assert (3 * error + smoothing < 0.055 * count * std).all()
 
 
+@pytest.mark.thorough
 def test_a_patrol_that_misses_nothing_rules_out_earlier_landings(tmp_path) -> None:
     """Arrivals before it are out: releases after it keep their odds, and those long before lose
     theirs.

@@ -19,6 +19,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> drift.Result:
     return drift.run(case_of(tmp_path_factory.mktemp("straight")))
 
 
+@pytest.mark.thorough
 def test_arrival_times_and_numbers_on_a_straight_coast_are_those_of_the_closed_form(
     straight,
 ) -> None:

@@ -123,6 +123,7 @@ def test_begin_and_length_follow_a_find(tmp_path: Path) -> None:
     assert columns["loss 2, begin"][1] == pytest.approx(10.0)
 
 
+@pytest.mark.thorough
 def test_origin_has_no_track(tmp_path: Path) -> None:
     find = '[[find]]\nat = [-179.0, 58.0]\ntime = "+20 h"\nat_sea = true\n'
     case = load(tmp_path, TRACK + LOSSES + find, 100)

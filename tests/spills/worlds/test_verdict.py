@@ -88,6 +88,7 @@ def test_finds_stand_in_a_table_of_their_own(told) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_that_silence_is_evidence_is_told_where_the_figures_stand(
     told, monkeypatch, tmp_path: Path
 ) -> None:

@@ -190,6 +190,7 @@ def test_far_north_parallels_are_short() -> None:
     assert met > 100  # turned
 
 
+@pytest.mark.thorough
 def test_open_sea_changes_no_bit() -> None:
     """Where nothing comes to a shore, all is as without one."""
     at = replace(KEEPS, behaviour=Behaviour(2 * KNOT, change=0.5, acts=ACTS))

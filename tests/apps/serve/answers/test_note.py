@@ -16,6 +16,7 @@ from geo import notation
 from geo.errors import UserError
 
 
+@pytest.mark.thorough
 def test_what_is_no_result_gets_a_line(tmp_path: Path) -> None:
     finished(tmp_path / "other")
     with Server(tmp_path.resolve()) as served:

@@ -107,6 +107,7 @@ CASES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_a_prepared_first_map_is_that_of_the_case_alone(name: str, tmp_path: Path) -> None:
     """Its second one too; and preparing reads all slices of the run, so that the map reads none."""

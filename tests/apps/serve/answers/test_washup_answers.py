@@ -56,6 +56,7 @@ def rows(folder: Path, name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.thorough
 def test_stretches_are_those_of_the_table(folder: Path, told: Any) -> None:
     table = rows(folder, "washup.csv")
     assert [one["id"] for one in told["stretches"]] == [row["stretch_id"] for row in table]

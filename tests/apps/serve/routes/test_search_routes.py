@@ -102,6 +102,7 @@ def test_a_track_is_saved_once(served: Server) -> None:
     assert served.json("POST", "/api/search/tracks", {}) == {"files": ["a.gpx"]}
 
 
+@pytest.mark.thorough
 def test_what_is_no_plan_is_one_line(served: Server) -> None:
     """Results without a plan or a forecast, such as those of someone else."""
     for path in ("plan", "plan/keep"):

@@ -80,6 +80,7 @@ def test_tracks_are_saved_once(served: Server) -> None:
     assert told == {"files": ["ais.csv", "ship.gpx", "ship.nc"]}
 
 
+@pytest.mark.thorough
 def test_a_spill_in_the_text(served: Server) -> None:
     """The ship's way points, and where a loss may lie: from 1900Z to 2330Z, between two of them.
 
@@ -122,6 +123,7 @@ def test_rows_are_drawn_where_the_case_has_mistakes(served: Server) -> None:
     assert "[spill]" in turned["text"]
 
 
+@pytest.mark.thorough
 def test_what_is_no_spill_is_one_line(served: Server) -> None:
     told = served.json("POST", "/api/washup", GOOD["washup"])
     assert told["mistakes"] == ["done: holds no stretches of coast that the page can show"]

@@ -14,6 +14,7 @@ from drift.engine.particles.status import Status
 from geo import sphere
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", ["5 min", "40 min"])
 @pytest.mark.parametrize("wind", [{}, {"wind": "19 m/s", "width": "1.7 m/s"}], ids=["rate", "wind"])
 def test_a_constant_hazard_by_its_closed_form(
@@ -32,6 +33,7 @@ def test_a_constant_hazard_by_its_closed_form(
     assert ((came < 6 * HOUR) == (state == 1)).all()
 
 
+@pytest.mark.thorough
 def test_a_change_comes_at_the_same_second_at_any_step(tmp_path: Path) -> None:
     """Whole seconds; the sum of the hazard rounds in its last digits."""
     change = {"name": "capsized", "rate": "0.4/h", "object": HULL}
@@ -134,6 +136,7 @@ def capsized_and_left(tmp_path_factory: pytest.TempPathFactory) -> Ensemble:
     return end_of(folder, changes, clock={"step": "30 min"}, particles=8000)
 
 
+@pytest.mark.thorough
 def test_times_that_the_case_gives(capsized_and_left: Ensemble) -> None:
     """At a time, in a window, and after the begin of a state: a triangle by its distribution."""
     ensemble = capsized_and_left
@@ -167,6 +170,7 @@ def test_the_lines_of_the_new_class_are_its_published_ones(capsized_and_left: En
         assert np.abs(offset - line.offset - line.offset_std * xi).max() < bound
 
 
+@pytest.mark.thorough
 def test_a_change_that_never_comes_moves_no_bit(tmp_path: Path) -> None:
     errors = {"uncertainty": {"current": {"std": "0.2 kn"}, "wind": {"std": "3 kn"}}}
     plain = {**PLAIN, **errors, "scenario": {"object": "LIFE-RAFT-DB-10"}}

@@ -27,6 +27,7 @@ def stranded(
     return end_of(folder, changes, coast=coast, scenario=NEAR, particles=1500, **tables)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("law", [{}, {"wind": "16 m/s"}, {"sinks": True}], ids=str)
 def test_a_stranded_object_stays_as_it_is_at_any_step(tmp_path: Path, law: dict[str, Any]) -> None:
     """No change comes after the stranding, be it in the same step; nothing sinks ashore."""
@@ -47,6 +48,7 @@ def test_a_stranded_object_stays_as_it_is_at_any_step(tmp_path: Path, law: dict[
     assert (column(fine, "state") != column(coarse, "state")).mean() < 0.01
 
 
+@pytest.mark.thorough
 def test_a_rate_counts_only_the_time_adrift(tmp_path: Path) -> None:
     """A raft strands, refloats in a current off the shore, and capsizes at a rate: later by just as
     long as it was ashore. The state "afloat again", due while it is ashore, notes when it refloats.

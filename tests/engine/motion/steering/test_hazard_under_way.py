@@ -183,6 +183,7 @@ def test_each_time_has_the_density_of_law_times_hazard_on_its_own_track(
     assert stats.kstest(flat, "uniform").pvalue < 1e-6
 
 
+@pytest.mark.thorough
 def test_a_target_beside_its_track_meets_the_hazard_there(tmp_path: Path) -> None:
     """By the wind's law too: a wind that rises and falls, the same everywhere."""
     one = {**VOYAGE, "waypoints": VOYAGE["waypoints"][:2], "cross_track": "21 km"}

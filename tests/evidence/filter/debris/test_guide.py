@@ -97,6 +97,7 @@ def held_to(at, weight, bounds, exact, evidence, shares):
     assert evidence[0] == pytest.approx(evidence[1], abs=4 / math.sqrt(effective))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("errors", "clocked"),  # str: the case as it is
     [

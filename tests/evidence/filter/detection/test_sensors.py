@@ -326,6 +326,7 @@ def test_outputs_show_what_a_field_has_said_so_far(tmp_path) -> None:
     assert (shown[2].log_weight == shown[0].log_weight).all()
 
 
+@pytest.mark.thorough
 def test_outputs_and_silent_sensors_change_no_bit(tmp_path) -> None:
     """More outputs leave the answer as it is; a line leaves the weights of a sensor as they are."""
     text, _ = CASES["no report of a barrier"]

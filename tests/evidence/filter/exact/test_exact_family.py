@@ -54,6 +54,7 @@ def drawn() -> np.ndarray:
     return np.maximum(families.PRIOR * PARTICLES - 1, 1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_each_scenario_after_each_update(run: Result, number: list[int], count: int) -> None:
     """Of 300 differences from the exact sums not one is beyond 4.4 standard errors, and their mean

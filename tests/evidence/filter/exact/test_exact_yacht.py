@@ -293,6 +293,7 @@ def test_places_and_distress(yachts, result, when):
             agree(own @ ours, weights, adrift & (drawn.distress < hour), ("distress", hour))
 
 
+@pytest.mark.thorough
 def test_speed_and_departure(yachts, result):
     drawn, chance = yachts
     late = ~((drawn.arrival < OVERDUE) & (drawn.distress > drawn.arrival))

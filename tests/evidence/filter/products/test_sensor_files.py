@@ -138,6 +138,7 @@ def test_the_table_of_lines_is_that_of_the_summary(written) -> None:
     assert told[1]["first"]["5 %"] is None
 
 
+@pytest.mark.thorough
 def test_shapes_are_as_large_as_they_are_said_to_be(written) -> None:
     """Areas and lengths by geodesics, across the antimeridian."""
     made = json.loads((written[2] / "sorties.geojson").read_text())["features"]
