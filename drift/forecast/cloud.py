@@ -129,7 +129,8 @@ class DepositSums:
     """Deposits of some particles in fixed point: independent of the order of summation."""
 
     cells: Array  # flat indices of the occupied cells, ascending (h,)
-    # int64: weights and squares by group and medium, weights by scenario and medium: (.., h)
+    # int64: weights and squares by group and medium, weights by scenario and medium: (.., h); (.., 0)
+    # where `paper` needs none
     amounts: tuple[Array, Array, Array]
 
 
@@ -152,7 +153,11 @@ def deposit_sums(output: Output, paper: Paper) -> DepositSums:
     sums = tally.laid(
         map(marked, output.parts()), window, held, GROUPS, paper.media, shown.size, paper.heaviest
     )
-    return DepositSums(held, sums)
+    needed = True, paper.heaviest > 0, shown.size > 1
+    mass, squares, scenarios = (
+        own if kept else own[..., :0] for own, kept in zip(sums, needed, strict=True)
+    )
+    return DepositSums(held, (mass, squares, scenarios))
 
 
 def merge_deposits(parts: Sequence[DepositSums], known: Survey, shown: Shown) -> areas.Deposits:
@@ -167,7 +172,8 @@ def merge_deposits(parts: Sequence[DepositSums], known: Survey, shown: Shown) ->
     for part in parts:
         here = np.searchsorted(held, part.cells)
         for sums, own in zip(whole, part.amounts, strict=True):
-            sums[..., here] += own
+            if own.shape[-1]:
+                sums[..., here] += own
     level = known.lightest == known.heaviest
     mass, squares, by_scenario = (own / cells.ONE for own in whole)
     alone = by_scenario if shown.size > 1 else mass.sum(axis=0)[None]

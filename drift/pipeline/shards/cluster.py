@@ -31,7 +31,7 @@ PATIENCE = 20  # [s] to wait for a cluster to answer
 # [s] to wait for a first worker, or for a new one after all are lost: batch queues are slow
 WAIT = 900
 LOOK, POLL = 10, 0.05  # [s] between checks for workers, and for a finished shard
-QUESTIONS = 2  # least number of questions about all outputs, per worker
+QUESTIONS = 1  # least number of questions about all outputs, per worker
 # warnings go to standard error unless the calling program configures logging
 LOG = logging.getLogger("drift")
 
