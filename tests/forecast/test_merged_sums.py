@@ -13,7 +13,7 @@ import pytest
 from drift.engine.particles import partials
 from drift.engine.particles.snapshot import Output, Question, Snapshot
 from drift.engine.particles.status import Status
-from drift.forecast import build
+from drift.forecast import build, survey
 
 N, BOUNDS = 6 * partials.BLOCK + 700, (0, 2 * partials.BLOCK + 300, 6 * partials.BLOCK + 700)
 TIME = np.datetime64("2026-11-21T18:00")
@@ -64,6 +64,15 @@ def test_the_same_bits(edges: tuple[int, ...], copies: bool) -> None:
     )
     assert made.data.identical(whole.data)
     assert [one.area for one in made.contours] == [one.area for one in whole.contours]
+
+
+def test_the_lightest_and_the_heaviest_of_all_shards_count() -> None:
+    """Whether all weigh alike depends on them."""
+    one = output(0, copies=False)
+    weight = np.where(np.arange(N) < partials.BLOCK, 1.0, 3.0)
+    one = dataclasses.replace(one, probability=weight / weight.sum())
+    (made,) = survey.survey_outputs([one], 2, partial(answer_in_shards, (0, 1, 8)))
+    assert (made.lightest, made.heaviest) == (1 / weight.sum(), 3 / weight.sum())
 
 
 def test_a_shard_may_have_nothing_on_the_map() -> None:
