@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drift.planning.search.boats import daylight
+from drift.planning.search.boats.availability import Availability
 
 
 def seconds(text: str) -> float:
@@ -72,3 +73,17 @@ def test_polar_day_and_night() -> None:
     june, december = seconds("2024-06-20T00:00:00"), seconds("2024-12-20T00:00:00")
     assert daylight.windows(june, june + 86_400, 15.0, 78.0) == [(june, june + 86_400)]
     assert daylight.windows(december, december + 86_400, 15.0, 78.0) == []
+
+
+def test_a_search_begins_as_soon_and_lasts_as_long_as_the_days_allow() -> None:
+    """By every second: it waits for the first day that is not over, and ends with that day or after
+    its own time.
+    """
+    days, longest = ((40, 130), (200, 260), (300, 420)), 75
+    earliest = np.arange(0, 450, 7)
+    begin, lasting = Availability((0.1, 0.9), 0.0, 50.0, days, longest).slot(earliest)
+    for wish, start, length in zip(earliest, begin, lasting, strict=True):
+        day = next((set(range(*day)) for day in days if day[1] > wish), set())
+        open_seconds = [second for second in sorted(day) if second >= wish][:longest]
+        assert length == len(open_seconds)
+        assert not open_seconds or start == open_seconds[0]
