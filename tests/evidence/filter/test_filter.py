@@ -225,6 +225,29 @@ def test_shared_sweep_width(tmp_path):
     assert misses["shared"] == pytest.approx((1 + 6 / 4) ** -4, rel=1e-4)  # 0.0256
 
 
+def test_an_output_amid_sorties_that_share_a_sweep_width(tmp_path):
+    """The factor of shape 4 is one for the first two, by SEARCH.md's chance of a miss, and the
+    third has its own; the weights at the end do not know of the output.
+    """
+    whole = Area((179.9, 180.1, 180.1, 179.9), (59.9, 59.9, 60.1, 60.1))
+    sorties = tuple(
+        Sortie(
+            f"{k}", "", hours(begin), hours(end), Law("random"), (1.0,), 4.0, group,
+            area=whole, coverage=(coverage,),
+        )
+        for k, (group, begin, end, coverage) in enumerate(
+            [("one", 0, 1, 0.9), ("other", 0.2, 1.1, 0.5), ("one", 0.3, 1.6, 1.3)]
+        )
+    )  # fmt: skip
+    case = load(tmp_path, STILL + SQUARE, sorties=sorties)
+    _, ensemble, (amid,) = run(case, [round(0.7 * 3600)])
+    shared, own = 0.9 * 0.7 + 1.3 * 0.4 / 1.3, 0.5 * 0.5 / 0.9
+    wanted = -4 * np.log1p(shared / 4) - 4 * np.log1p(own / 4)
+    np.testing.assert_allclose(amid.log_weight - math.log(1 / 1000), wanted, rtol=1e-4)
+    _, undisturbed, _ = run(case)
+    np.testing.assert_array_equal(ensemble.log_weight.to_numpy(), undisturbed.log_weight.to_numpy())
+
+
 def test_only_what_shares_an_unknown_holds_it_for_each_particle(tmp_path, monkeypatch):
     """It takes as many numbers a particle as the unknown has values."""
     made = []
