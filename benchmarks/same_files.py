@@ -192,6 +192,9 @@ def compare(one: Path, other: Path) -> NoReturn:
     """Print what differs between two folders, and end with a status that says whether anything
     does.
     """
+    for folder in (one, other):
+        if not folder.is_dir() or not any(folder.iterdir()):
+            sys.exit(f"{folder}: holds no files to compare")
     found = differences(one, other)
     print("\n".join(found) or "the same")
     sys.exit(bool(found))

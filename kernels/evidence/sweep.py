@@ -749,6 +749,15 @@ def _log_miss(
     return miss
 
 
+@ti.func
+def _so_far(reads: ti.i32, shared: ti.template(), at: ti.i32) -> ti.f32:
+    """Return the log of the misses before this one; 0 where none is held (`reads` is 0)."""
+    before = 0.0
+    if reads == 1:
+        before = shared[at]
+    return before
+
+
 @ti.kernel
 def _fail(
     meaning: ti.template(),
@@ -760,6 +769,8 @@ def _fail(
     other_coefficient: HostReals,
     chances: HostReals,
     shared: Reals,
+    reads: ti.i32,
+    keeps: ti.i32,
     log_weight: Reals,
     size: ti.i32,
 ):
@@ -785,26 +796,31 @@ def _fail(
                 top_before = top_after = ti.f32(-ti.math.inf)
                 mean_before = mean_after = 0.0
                 for f in range(factors):
-                    top_before = ti.max(top_before, shared[f * size + i])
-                for f in range(factors):
-                    mean_before += chances[f] * ti.exp(shared[f * size + i] - top_before)
-                    at = i
-                    if ti.static(meaning == MISS):
-                        at += f * size
-                    shared[f * size + i] += _log_miss(
-                        meaning,
-                        both,
-                        exposure[at],
-                        coefficient[own + f],
-                        under_way,
-                        other_coefficient[own + f],
-                    )
-                    top_after = ti.max(top_after, shared[f * size + i])
+                    top_before = ti.max(top_before, _so_far(reads, shared, f * size + i))
+                for again in ti.static((False, True)):
+                    for f in range(factors):
+                        before = _so_far(reads, shared, f * size + i)
+                        at = i
+                        if ti.static(meaning == MISS):
+                            at += f * size
+                        after = before + _log_miss(
+                            meaning,
+                            both,
+                            exposure[at],
+                            coefficient[own + f],
+                            under_way,
+                            other_coefficient[own + f],
+                        )
+                        if ti.static(again):
+                            mean_after += chances[f] * ti.exp(after - top_after)
+                            if keeps == 1:
+                                shared[f * size + i] = after
+                        else:
+                            mean_before += chances[f] * ti.exp(before - top_before)
+                            top_after = ti.max(top_after, after)
                 if top_after == -ti.math.inf:
                     log_weight[i] = top_after
                 else:
-                    for f in range(factors):
-                        mean_after += chances[f] * ti.exp(shared[f * size + i] - top_after)
                     log_weight[i] += (
                         top_after + ti.log(mean_after) - top_before - ti.log(mean_before)
                     )
@@ -819,6 +835,7 @@ def fail(
     shared: Any,
     log_weight: Any,
     also: tuple[Any, np.ndarray] | None = None,
+    keep: bool = True,
 ) -> None:
     """Multiply all weights by the probability that a sortie missed each particle, in place.
 
@@ -831,9 +848,11 @@ def fail(
             without one above 0 was not searched.
         chances: probability of each factor, (factors,).
         shared: device (factors * n,), logs of the misses so far of all sorties that share the
-            unknown factor. Used only with several factors: the mean is taken after their product.
+            unknown factor; None: there were none. Used only with several factors: the mean is taken
+            after their product.
         log_weight: device (n,), updated.
         also: exposure while under way and its coefficients, of the same shapes; None: none.
+        keep: whether `shared`, if any, takes this miss.
     """
     other, by = also or (exposure, coefficient)
     coefficients, others, each = runtime.residents(
@@ -848,7 +867,9 @@ def fail(
         other,
         others,
         each,
-        shared,
+        log_weight if shared is None else shared,  # where there is none, the kernel touches none
+        int(shared is not None),
+        int(shared is not None and keep),
         log_weight,
         log_weight.shape[0],
     )

@@ -22,6 +22,7 @@ from drift.evidence.filter.exposure import Exposed, SortieExposure
 from drift.evidence.filter.markers import Marker
 from drift.evidence.filter.records import Sortie
 from geo.array import Array
+from kernels.runtime import runtime
 from kernels.step.advance import Step
 
 
@@ -99,11 +100,23 @@ class SortieByState:
         return [part.ready(n) for part in self._parts]
 
     def fail(
-        self, ensemble: Ensemble, exposed: Sequence[Exposed], shared: Any, log_weight: Any
+        self,
+        ensemble: Ensemble,
+        exposed: Sequence[Exposed],
+        shared: Any | None,
+        log_weight: Any,
+        keep: bool,
     ) -> None:
-        """Multiply weights by the probability that it has missed each particle in all its states."""
+        """Multiply weights by the probability that it has missed each particle in all its states.
+
+        The arguments are those of `drift.evidence.filter.exposure.SortieExposure.fail`.
+        """
+        several = len(self.chances)
+        if several > 1 and not keep:  # its parts share the unknown
+            n = ensemble.n
+            shared = runtime.empty(n * several) if shared is None else runtime.copy(shared)
         for part, own in zip(self._parts, exposed, strict=True):
-            part.fail(ensemble, own, shared, log_weight)
+            part.fail(ensemble, own, shared, log_weight, keep=True)
 
     def searched(self) -> Array:
         """Return the share of the sortie's time that each particle was in its area, float64 (n,)."""

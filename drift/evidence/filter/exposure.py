@@ -340,15 +340,22 @@ class SortieExposure:
         )
 
     def fail(
-        self, ensemble: Ensemble, exposed: Exposed, shared: Device, log_weight: Device
+        self,
+        ensemble: Ensemble,
+        exposed: Exposed,
+        shared: Device | None,
+        log_weight: Device,
+        keep: bool,
     ) -> None:
         """Multiply weights by the probability that it has missed each particle, in place.
 
         Args:
             ensemble: the particles.
             exposed: their exposure.
-            shared: log misses so far of all sorties with the same unknown factor of sweep width.
+            shared: log misses so far of all sorties with the same unknown factor of sweep width;
+                None: there were none.
             log_weight: of the particles, changed in place.
+            keep: whether `shared`, if any, takes this miss.
         """
         meaning, coefficient = self._coefficients
         also = (
@@ -366,6 +373,7 @@ class SortieExposure:
                 shared,
                 log_weight,
                 also,
+                keep,
             )
 
     @cached_property

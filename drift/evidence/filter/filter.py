@@ -310,7 +310,8 @@ class SearchFilter:
         """Update the weights for a sortie that found nothing, and free its exposure."""
         sortie, exposed = flown.sortie, self._exposure_until(flown, flown.end, keep=True)
         before = self.ensemble.log_weight.to_numpy()
-        self._fail(flown, exposed, self._groups, self.ensemble.log_weight)
+        later = self._is_shared_later(flown)
+        self._fail(flown, exposed, self._groups[flown.key], self.ensemble.log_weight, later)
         searched, history = flown.searched(), self._history
         never = np.ones(self.ensemble.n, np.float32) if history.never is None else history.never
         history.never = (never * (1 - searched)).astype(np.float32)
@@ -325,18 +326,24 @@ class SearchFilter:
         self._take(Event(sortie.name, "sortie", sortie.end, columns, middle=middle))
         flown.exposed = None
 
+    def _is_shared_later(self, flown: Flown) -> bool:
+        """Return whether a later report shares the unknown of a sortie that ends."""
+        others = [other.key for other in self._waiting if other is not flown]
+        sensors = [_sensor(report) for when, _, report in self._reports if when >= flown.end]
+        others += [unknown.key(sensor) for sensor in sensors if sensor]
+        return flown.key in others
+
     def _fail(
-        self,
-        flown: Flown,
-        exposed: Any,
-        groups: Mapping[tuple[str, float], ReportGroup],
-        log_weight: Any,
+        self, flown: Flown, exposed: Any, group: ReportGroup, log_weight: Any, keep: bool
     ) -> None:
-        """Multiply weights by the probability that a sortie has missed each particle, in place."""
-        group = groups[flown.key]
-        # with one value the kernel reads no group, so any column will do
-        shared = group.ready(self.ensemble.n) if len(group.chances) > 1 else log_weight
-        flown.fail(self.ensemble, exposed, shared, log_weight)
+        """Multiply weights by the probability that a sortie has missed each particle, in place.
+
+        keep: whether its group takes the miss, for what shares the unknown later. A group holds a
+        value of the unknown for each particle: what nothing asks for is not made.
+        """
+        several = len(group.chances) > 1
+        shared = group.ready(self.ensemble.n) if several and keep else group.missed
+        flown.fail(self.ensemble, exposed, shared, log_weight, keep)
 
     def _apply_look(self, look: Look, time: int, place: PositionsAt) -> None:
         """Update the weights for a look, with or without a detection."""
@@ -550,9 +557,14 @@ class SearchFilter:
         weight = self.ensemble.log_weight
         if under_way:
             weight = runtime.copy(weight)
-            groups = {flown.key: self._groups[flown.key].copy() for flown in under_way}
-            for flown in under_way:
-                self._fail(flown, self._exposure_until(flown, time, keep=False), groups, weight)
+            copies: dict[tuple[str, float], ReportGroup] = {}
+            for number, flown in enumerate(under_way):
+                keep = flown.key in [other.key for other in under_way[number + 1 :]]
+                group = copies.get(flown.key, self._groups[flown.key])
+                if keep and flown.key not in copies:
+                    group = copies[flown.key] = group.copy()
+                exposed = self._exposure_until(flown, time, keep=False)
+                self._fail(flown, exposed, group, weight, keep)
         now = np.asarray(weight.to_numpy())
         return now if observed is None else (now + observed).astype(np.float32)
 
@@ -630,15 +642,21 @@ class SearchFilter:
         return log_weight, ancestors, history.lineage
 
 
+def _sensor(report: Contact | Look) -> Sensor | None:
+    """Return the sensor of a look or a contact; None without one."""
+    own = report if isinstance(report, Look) else report.heard
+    return None if own is None else own.sensor
+
+
 def _groups_of(
     sorties: Sequence[Flown], reports: Sequence[tuple[int, int, Contact | Look]]
 ) -> dict[tuple[str, float], ReportGroup]:
     """Return the groups of sorties, contacts and looks that share an unknown."""
     every = [(flown.key, flown.chances, flown.end) for flown in sorties]
     for time, _, report in reports:
-        own = report if isinstance(report, Look) else report.heard
-        if own is not None and own.sensor is not None:
-            every.append((unknown.key(own.sensor), unknown.values(own.sensor)[1], time))
+        sensor = _sensor(report)
+        if sensor is not None:
+            every.append((unknown.key(sensor), unknown.values(sensor)[1], time))
     groups: dict[tuple[str, float], ReportGroup] = {}
     for key, chances, time in every:
         group = groups.setdefault(key, ReportGroup(chances, time))

@@ -59,6 +59,28 @@ def test_each_state_is_swept_by_its_own_width(tmp_path: Path) -> None:
     assert search.updates.all[0].log_evidence[-1] == pytest.approx(wanted, abs=error)
 
 
+def test_an_unknown_width_is_one_in_all_states(tmp_path: Path) -> None:
+    """A factor W of the gamma distribution with shape k: the miss is (1 + C / k)^-k, where C is
+    the exposure of a particle in all its states together. Nothing else shares the factor.
+    """
+    shape = 1.0  # a standard deviation of 100 %
+    area = AREA.replace("[[sortie]]", "[[sortie]]\nsweep_width_uncertainty = 1.0")
+    search, ensemble = resting(tmp_path, [CAPSIZED], area, clock={"step": "2 min"})
+    (sortie,) = search.updates.sorties
+    whole, part = sortie.coverage[0], sortie.changed[0][1][0]
+    capsized = np.clip(column(ensemble, "changed_1"), HOUR, 4 * HOUR)
+    exposure = (whole * (capsized - HOUR) + part * (4 * HOUR - capsized)) / (3 * HOUR)
+    log_miss = column(ensemble, "log_weight") - np.log(1 / ensemble.n)
+    # half a step of two minutes, between the two coverages; the law is less steep than its exponent
+    bound = (whole - part) * 60 / (3 * HOUR)
+    # factors of their own in each state would give the product of two such means
+    both = [whole * (capsized - HOUR) / (3 * HOUR), part * (4 * HOUR - capsized) / (3 * HOUR)]
+    apart = sum(shape * np.log1p(own / shape) for own in both)
+    wanted = shape * np.log1p(exposure / shape)
+    assert np.abs(log_miss + wanted).max() < bound + 1e-3
+    assert np.abs(apart - wanted).max() > 5 * bound
+
+
 def test_pos_in_closed_form(tmp_path: Path) -> None:
     """The mean miss of an object that capsizes at a rate while it is searched, and cannot be found
     once it has sunk: exp(M t) of the hazards of change and detection.

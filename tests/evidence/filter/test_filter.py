@@ -9,6 +9,7 @@ from filtered import BOX, FLOW, METRES, SQUARE, STILL, flown, hours, legs, load,
 from scipy import stats
 
 from drift.engine.particles.status import Status
+from drift.evidence.filter import state
 from drift.evidence.filter.records import (
     Contact,
     Fix,
@@ -222,6 +223,28 @@ def test_shared_sweep_width(tmp_path):
     assert misses["known"] == pytest.approx(math.exp(-6), rel=1e-4)
     assert misses["anew"] == pytest.approx((1 + 0.3 / 4) ** -80, rel=1e-4)
     assert misses["shared"] == pytest.approx((1 + 6 / 4) ** -4, rel=1e-4)  # 0.0256
+
+
+def test_only_what_shares_an_unknown_holds_it_for_each_particle(tmp_path, monkeypatch):
+    """It takes as many numbers a particle as the unknown has values."""
+    made = []
+    ready = state.ReportGroup.ready
+    monkeypatch.setattr(
+        state.ReportGroup, "ready", lambda group, n: made.append(group) or ready(group, n)
+    )
+    whole = Area((179.9, 180.1, 180.1, 179.9), (59.9, 59.9, 60.1, 60.1))
+    for groups, holders in (("abc", 0), ("aba", 1), ("aab", 1)):
+        sorties = tuple(
+            Sortie(
+                f"{k}", "", hours(0.3 * k), hours(0.3 * k + 0.5), Law("random"), (1.0,), 4.0, group,
+                area=whole, coverage=(0.3,),
+            )
+            for k, group in enumerate(groups)
+        )  # fmt: skip
+        made.clear()
+        search, *_ = run(load(tmp_path, STILL + SQUARE, sorties=sorties))
+        assert len({id(group) for group in made if group in search._groups.values()}) == holders
+        assert all(group.missed is None for group in search._groups.values())
 
 
 def test_share_of_time_inside(tmp_path):

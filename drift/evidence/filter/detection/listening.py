@@ -226,15 +226,23 @@ class Listening:
             heading = math.atan2(east, north)
         return own.tables(float(lon), float(lat), heading, self._middle(stretch, elapsed))
 
-    def fail(self, ensemble: Ensemble, exposed: Silent, shared: Device, log_weight: Device) -> None:
+    def fail(
+        self,
+        ensemble: Ensemble,
+        exposed: Silent,
+        shared: Device | None,
+        log_weight: Device,
+        keep: bool,
+    ) -> None:
         """Multiply weights by the probability that it has missed each particle, in place.
 
         Args:
             ensemble: the particles.
             exposed: their state.
             shared: log misses by value of the unknown, of all watches and looks so far that share
-                it.
+                it; None: there were none.
             log_weight: of the particles, changed in place.
+            keep: whether `shared`, if any, takes this miss.
         """
         ones = np.ones((len(ensemble.scenarios), len(self.factors)))
         sweep.fail(
@@ -245,6 +253,7 @@ class Listening:
             self.chances,
             shared,
             log_weight,
+            keep=keep,
         )
 
     def searched(self) -> Array:
