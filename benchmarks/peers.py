@@ -12,7 +12,8 @@ OceanTracker as triangles between the same nodes, which are prepared before the 
 Two jobs: *rafts*, which drift with leeway in a sea with a coast (out of reach), and *passive*
 particles in the current alone. Measured are the seconds from the start of a process to its first
 picture and to its end, the time of a particle and day from the difference of two runs (start-up
-and compilation fall out), and the peak of memory. What makes the work differ stands in the table.
+and compilation fall out), and the peak of memory of the largest process. What makes the work differ
+stands in the table: drift also writes maps of probability, areas and a report, but 200 tracks only.
 
 All must drift to the same place: the mean drift of each program is compared with drift's own. Where
 it differs by more than the schemes explain (see `tolerance`), the comparison is void, and no
@@ -55,22 +56,34 @@ class Program(NamedTuple):
 
 PROGRAMS = {
     "drift, rafts": Program(
-        "drift", "rafts", "leeway, RK4, coast", "all files: maps, areas, report; 200 tracks"
+        "drift",
+        "rafts",
+        "leeway, RK4, coast",
+        "all cores; all files: maps, areas, report; 200 tracks",
     ),
     "OpenDrift, rafts": Program(
-        "opendrift", "rafts", "Leeway, Euler, coast", "one plot; all tracks in memory, no file"
+        "opendrift",
+        "rafts",
+        "Leeway, Euler, coast",
+        "one core (NumPy); one plot; all tracks in memory, no file",
     ),
     "drift, passive": Program(
-        "drift", "passive", "RK4, no coast", "all files: maps, areas, report; 200 tracks"
+        "drift", "passive", "RK4, no coast", "all cores; all files: maps, areas, report; 200 tracks"
     ),
     "OpenDrift, passive": Program(
-        "opendrift", "passive", "OceanDrift, RK4, no coast", "one plot; all tracks in memory"
+        "opendrift",
+        "passive",
+        "OceanDrift, RK4, no coast",
+        "one core (NumPy); one plot; all tracks in memory, no file",
     ),
     "Parcels, passive": Program(
-        "parcels", "passive", "RK4, no coast", "one plot; file of all tracks"
+        "parcels", "passive", "RK4, no coast", "one core (NumPy); one plot; file of all tracks"
     ),
     "OceanTracker, passive": Program(
-        "oceantracker", "passive", "RK4, depth and dry cells", "one plot; file of all tracks"
+        "oceantracker",
+        "passive",
+        "RK4, depth, dry cells",
+        "all cores (numba); one plot; file of all tracks",
     ),
 }
 
