@@ -8,6 +8,7 @@ must be shorter than 2**29 units (45 degrees). A point on an edge is land, and a
 an edge has crossed it. Everything outside the grid is water.
 """
 
+import functools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -59,6 +60,7 @@ def upload(coast: shore_grid.Coast) -> DeviceCoast:
     return DeviceCoast(launch.pack(Coast, runtime.upload(coast.cell), shoreline, frame))
 
 
+@functools.cache
 def open_sea() -> DeviceCoast:
     """Return a coast without cells, a placeholder for kernels compiled without a coast."""
     return DeviceCoast(

@@ -327,7 +327,9 @@ class _March:
                 if begin < step.elapsed + step.duration and step.elapsed < end:
                     together = self._run.direction * ((low - self._origin) // self._stretch)
                     plan.append((together, -size, step.elapsed, Timed(low, high, step)))
-        inside, bulges = (dict.fromkeys(self._clocks, 0.0) for _ in range(2))
+        bulges = dict.fromkeys(self._clocks, 0.0)
+        # half-way in steps, by step: where, by the whole and by its halves, and who is adrift
+        halfway: dict[int, list[tuple[Array, ...]]] = {size: [] for size in self._clocks}
         # by half: when and where, by the whole
         awaited: dict[int, tuple[int, int, Array, Array, Array]] = {}
         seen: set[tuple[int, int]] = set()
@@ -361,9 +363,9 @@ class _March:
             if size in awaited and awaited[size][0] == over:
                 _, whole, lon, lat, other = awaited.pop(size)
                 both = (status == Status.ADRIFT) & (other == Status.ADRIFT)
-                if both.any():
-                    apart = _distances(lon, lat, trial.lon.to_numpy(), trial.lat.to_numpy())[both]
-                    inside[whole] = max(inside[whole], float(np.percentile(apart, 95)))
+                places = trial.lon.to_numpy(), trial.lat.to_numpy()
+                halfway[whole].append((lon, lat, *places, both))
+        inside = {size: _worst_percentile(found) for size, found in halfway.items()}
         days = np.maximum(end - np.maximum(self._release, begin), 3600) / DAY
         self._afloat(*ends[min(self._trials)])
         return _Window(ends, days, inside, bulges)
@@ -428,6 +430,24 @@ class _March:
 def _distances(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:
     """Return the distances [m] between places [binary angle], (m,)."""
     return sphere.distance(*(x * sphere.UNIT for x in (lon, lat, other_lon, other_lat)))
+
+
+def _worst_percentile(halfway: Sequence[tuple[Array, ...]]) -> float:
+    """Return the largest 95th percentile of distances [m] over some times.
+
+    halfway: at each time two places [binary angle] of each particle, lon, lat, lon, lat, and which
+    particles count, each (m,).
+    """
+    if not halfway:
+        return 0.0
+    *places, counts = (np.stack(column) for column in zip(*halfway, strict=True))
+    apart, worst = _distances(*places), 0.0
+    most = np.where(counts, apart, 0.0).max(axis=1)  # no percentile is larger
+    for time in np.argsort(-most):
+        if most[time] <= worst:
+            break
+        worst = max(worst, float(np.percentile(apart[time][counts[time]], 95)))
+    return worst
 
 
 def _bulge(kept: Begin, lat: Array, status: Array) -> float:
