@@ -40,7 +40,9 @@ from rich.table import Table
 
 START, STEP, EVERY = "2026-01-01T00:00:00", 600, 3600
 PLACE, STD = (-90.0, 25.0), 10.0  # release: mean [degrees], standard deviation [km]
-RAFT = "LIFE-RAFT-DB-10"
+# Its lines right and left of downwind mirror each other, without offset: so it does not matter that
+# OpenDrift turns them the other way, and jibes by the sign of the slope alone (docs/leeway.md).
+RAFT = "LIFE-RAFT-SB-8"
 DEGREE = 111.195  # [km]
 SCRIPTS = Path(__file__).parent / "peers"
 
