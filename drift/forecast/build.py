@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -19,7 +20,7 @@ import shapely
 import xarray as xr
 from scipy import ndimage
 
-from drift.engine.particles.snapshot import Output
+from drift.engine.particles.snapshot import Deal, Output, answer_here
 from drift.forecast import areas, cloud, containment, density, likeliest, survey
 from drift.forecast.cloud import Cloud
 from drift.forecast.likeliest import Shown
@@ -99,6 +100,7 @@ def build_forecast(
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
     tell: Callable[[float], None] = lambda share: None,
+    deal: Deal = answer_here,
 ) -> Forecast:
     """Return the forecast products of the particles at some times.
 
@@ -112,8 +114,9 @@ def build_forecast(
             its cells wherever there are particles, so areas and containment include probability
             outside the grid.
         tell: takes the share of the work that is done.
+        deal: reads the particles.
     """
-    return _prepare(outputs, scenarios, is_land, shares, grid, ahead=False)(tell)
+    return _prepare(outputs, scenarios, is_land, shares, grid, ahead=False, deal=deal)(tell)
 
 
 def begin(
@@ -140,24 +143,34 @@ def _prepare(
     shares: tuple[float, ...],
     grid: Cells | None,
     ahead: bool,
+    deal: Deal = answer_here,
 ) -> Callable[..., Forecast]:
     """Return the function of `begin`.
 
     ahead: whether all deposits are computed before this returns. Otherwise they are computed before
     each map, so that memory does not grow with the number of maps.
     """
-    surveys = [survey.survey_output(output, len(scenarios)) for output in outputs]
+    surveys = survey.survey_outputs(outputs, len(scenarios), deal)
     centre, shown = _reference(surveys), _displayed_scenarios(surveys)
-    clouds = [cloud.extent_of_output(*own, centre) for own in zip(outputs, surveys, strict=True)]
+    clouds = _clouds(outputs, surveys, centre, deal)
     windows, common = (
         _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
     )
     land = _Land(is_land, common)
+    drawn_on = [
+        (output, cloud.paper_of_output(known, window, shown, output.n))
+        for output, known, window in zip(outputs, surveys, windows, strict=True)
+        if window is not None
+    ]
+    answers = deal(
+        [output for output, _ in drawn_on],
+        [partial(cloud.deposit_sums, paper=paper) for _, paper in drawn_on],
+    )
     each: Iterable[_Laid | None] = (
         None
         if window is None
-        else _Laid(window, cloud.deposits(output, known, window, shown), land.on(window))
-        for output, known, window in zip(outputs, surveys, windows, strict=True)
+        else _Laid(window, cloud.merge_deposits(next(answers), known, shown), land.on(window))
+        for known, window in zip(surveys, windows, strict=True)
     )
     laid = list(each) if ahead else each
     bandwidths = None if grid is None else [None if own is None else own.spacing for own in clouds]
@@ -201,17 +214,30 @@ def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
     """Return the grid that `build_forecast` would choose for some outputs, in a form that can be
     given again.
     """
-    surveys = [survey.survey_output(output, scenarios) for output in outputs]
+    surveys = survey.survey_outputs(outputs, scenarios, answer_here)
     centre = _reference(surveys)
-    grid = _windows(
-        [cloud.extent_of_output(*own, centre) for own in zip(outputs, surveys, strict=True)], centre
-    )[1]
+    grid = _windows(_clouds(outputs, surveys, centre, answer_here), centre)[1]
     width, height = (-(-size // QUANTUM) * QUANTUM for size in (grid.width, grid.height))
     columns, rows = (
         -(-count * old // new)
         for count, old, new in ((grid.nlon, grid.width, width), (grid.nlat, grid.height, height))
     )
     return Cells(grid.lon0, grid.lat0, width, height, min(columns, _whole_turn(width)), rows)
+
+
+def _clouds(
+    outputs: Sequence[Output], surveys: Sequence[Survey], centre: int, deal: Deal
+) -> list[Cloud | None]:
+    """Return each output's extent and bandwidth; None if no probability is on its map."""
+    present = [k for k, known in enumerate(surveys) if known.heaviest > 0]
+    questions = [
+        partial(cloud.extent_sums, goals=cloud.goals_of_output(surveys[k]), centre=centre)
+        for k in present
+    ]
+    clouds: list[Cloud | None] = [None] * len(outputs)
+    for k, parts in zip(present, deal([outputs[k] for k in present], questions), strict=True):
+        clouds[k] = cloud.merge_extents(parts, surveys[k])
+    return clouds
 
 
 def _displayed_scenarios(surveys: Sequence[Survey]) -> Shown:

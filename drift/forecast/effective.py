@@ -74,6 +74,14 @@ class Effective:
             own = np.zeros(len(weight), np.int64) if code is None else code
             self._runs.append(weights.runs_of_families(own, self._many, weight, family, blocks))
 
+    def join(self, others: Iterable["Effective"]) -> "Effective":
+        """Return the sizes of these particles and those of others, in their order."""
+        joined = Effective(self._many)
+        for one in (self, *others):
+            joined._sums += one._sums
+            joined._runs += one._runs
+        return joined
+
     @property
     def numbers(self) -> Array:
         """The effective sample size of each code, (many,); 0 where there are no particles."""

@@ -341,7 +341,7 @@ def build_result(job: Job, run: FinishedRun) -> Result:
     names = [scenario.name for scenario in case.scenarios]
     job.tell("map", 0.0)
     with job.clock.phase("products"):
-        end = survey.survey_output(snapshots.outputs[-1], len(names))
+        (end,) = survey.survey_outputs(snapshots.outputs[-1:], len(names), snapshots.deal)
         is_land = scene.land_of(setup.scene)
         forecast = forecast_build.build_forecast(
             snapshots.outputs,
@@ -350,6 +350,7 @@ def build_result(job: Job, run: FinishedRun) -> Result:
             shares=case.areas,
             grid=case.grid,
             tell=partial(job.tell, "map"),
+            deal=snapshots.deal,
         )
         tracks = _sample_tracks(case, where, snapshots)
     summary = run_metadata.summary_of_run(case, where, end, setup, job.clock.seconds)

@@ -29,10 +29,9 @@ from drift.engine.motion.scene import Scene
 from drift.engine.motion.spool import SnapshotStore
 from drift.engine.motion.step_size import Trial
 from drift.engine.particles import ensemble as record
-from drift.engine.particles import partials, weights
+from drift.engine.particles import partials, snapshot, weights
 from drift.engine.particles.columns import Columns
 from drift.engine.particles.ensemble import Ensemble
-from drift.engine.particles.status import Status
 from drift.evidence.filter.account import UpdateCallback
 from drift.evidence.filter.debris import guide as guides
 from drift.evidence.filter.debris import pilot
@@ -600,12 +599,10 @@ def check_end(
                 part = replace(part, probability=unit.shares(own))
             yield AtEnd(part, *snapshots.at_end(("status_since",), place))
 
-    sums = [
-        end.snapshot.blocks.partial(
-            end.snapshot.probability, code=end.snapshot.status, many=len(Status)
-        )
-        for end in ends()
-    ]
+    if unsearched is None:
+        (sums,) = snapshots.deal(snapshots.outputs[-1:], [snapshot.status_sums])
+    else:
+        sums = [snapshot.status_sums(end.snapshot) for end in ends()]
     status = partials.merge_partials(sums).total[:, 0]
     lost.check_end(where, case.max_lost, begin.scene, begin.clock, status, ends)
 

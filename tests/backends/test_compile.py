@@ -29,6 +29,7 @@ def rows(done: subprocess.CompletedProcess[str]) -> list[dict[str, Any]]:
 
 
 @pytest.mark.gpu
+@pytest.mark.timeout(1200)  # minutes where other programs use the machine
 @pytest.mark.skipif(bool(cuda_stub.why_not()), reason=cuda_stub.why_not() or "the stub can be made")
 @pytest.mark.parametrize("part", range(PARTS))
 def test_every_kernel_compiles_to_ptx(part: int, tmp_path: Path) -> None:
@@ -47,6 +48,7 @@ def test_every_kernel_compiles_to_ptx(part: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.gpu
+@pytest.mark.timeout(1200)  # minutes where other programs use the machine
 @pytest.mark.parametrize("part", range(PARTS))
 def test_every_kernel_compiles_to_spirv(part: int) -> None:
     environment = os.environ | {"PYTHONPATH": HERE}

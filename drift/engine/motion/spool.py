@@ -8,7 +8,8 @@ import itertools
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from io import BufferedRandom
 from pathlib import Path
 from types import TracebackType
@@ -21,8 +22,8 @@ from drift.engine.motion.period import Period
 from drift.engine.motion.simulate import Moment
 from drift.engine.particles import members, partials
 from drift.engine.particles.ensemble import Ensemble, Layout, Slots
-from drift.engine.particles.partials import PART, Blocks
-from drift.engine.particles.snapshot import Snapshot
+from drift.engine.particles.partials import PART, Blocks, Partial
+from drift.engine.particles.snapshot import Deal, Snapshot, answer_here
 from drift.products.files import temporary
 from geo import notation
 from geo.array import Array
@@ -251,12 +252,19 @@ class SnapshotStore(Sequence[Snapshot]):
     its files.
     """
 
-    def __init__(self, stretches: Sequence[Sequence[ShardFile]], *, worlds: bool = False) -> None:
+    def __init__(
+        self,
+        stretches: Sequence[Sequence[ShardFile]],
+        *,
+        worlds: bool = False,
+        deal: Deal = answer_here,
+    ) -> None:
         """Combine the files of all shards, stretch after stretch of the run.
 
         All moments of a shard's file lie in one stretch. worlds: whether particles share unknowns
-        with others of their world.
+        with others of their world. deal: reads particles for products.
         """
+        self.deal = deal
         self._stretches, self._worlds = [list(reels) for reels in stretches], worlds
         self._moments = [
             (reels, at) for reels in self._stretches for at in range(len(reels[0].taken))
@@ -400,6 +408,31 @@ class SnapshotStore(Sequence[Snapshot]):
         """All snapshots, to be read part by part."""
         return [AtTime(self, at) for at in range(len(self))]
 
+    @property
+    def shards(self) -> int:
+        """Number of shards."""
+        return len(self._stretches[-1])
+
+    def some(self, at: int, first: int, last: int) -> "AtTime":
+        """Return snapshot `at` of the shards first <= shard < last, for another process.
+
+        It keeps the scale of all shards: see `normalise`.
+        """
+        reels, own = self._moments[at]
+        gone = set() if at == len(self) - 1 else {members.COLUMN.name}  # see _some
+        files = []
+        for reel in reels[first:last]:
+            assert isinstance(reel.file, Path)
+            assert reel.later is None
+            end = {name: begin for name, begin in reel.end.items() if name not in gone}
+            path = reel.file.absolute()
+            files.append(replace(reel, file=path, taken=[reel.taken[own]], end=end, notes={}))
+        store = SnapshotStore([files], worlds=self._worlds)
+        key = self._key(at)
+        if key in self._scale:
+            store._scale[min(key, 0)] = self._scale[key]
+        return AtTime(store, 0)
+
     def parts(self, at: int) -> Iterator[Snapshot]:
         """Return a snapshot in parts of about PART slots."""
         reels, own = self._moments[at]
@@ -439,20 +472,32 @@ class SnapshotStore(Sequence[Snapshot]):
         """Return a snapshot's largest log weight, and the sum of its weights in units of the
         largest.
         """
-        (reels, at), number = self._moments[at], at
-        # weights of the end are summed once
-        key = number if "log_weight" in reels[0].taken[at].where else -1
-        if key not in self._scale:
-            spans = [(reel, span) for reel in reels for span in reel.spans(at)]
-            top = max(float(reel.logs(at, *reel.slots(at, span)).max()) for reel, span in spans)
-            sums = [
-                reel.taken[at]
-                .layout.blocks.some(*span)
-                .partial(np.exp(reel.logs(at, *reel.slots(at, span)).astype(np.float64) - top))
-                for reel, span in spans
-            ]
-            self._scale[key] = top, float(partials.merge_partials(sums).total[0, 0])
-        return self._scale[key]
+        self.normalise([at], answer_here)
+        return self._scale[self._key(at)]
+
+    def _key(self, at: int) -> int:
+        """Return the number of a snapshot in _scale; -1 for all that have the end's weights."""
+        reels, own = self._moments[at]
+        return at if "log_weight" in reels[0].taken[own].where else -1
+
+    def normalise(self, numbers: Sequence[int], deal: Deal) -> None:
+        """Compute the scales of some snapshots' weights; those of the end are summed once."""
+        keys = {self._key(at): at for at in numbers if self._key(at) not in self._scale}
+        outputs = [AtTime(self, at) for at in keys.values()]
+        if not outputs:
+            return
+        tops = [max(parts) for parts in deal(outputs, [largest_log_weight] * len(outputs))]
+        sums = deal(outputs, [partial(sum_weights_of, top=top) for top in tops])
+        for key, top, parts in zip(keys, tops, sums, strict=True):
+            self._scale[key] = top, float(partials.merge_partials(parts).total[0, 0])
+
+    def spans_of(self, at: int) -> Iterator[tuple[Blocks, Array]]:
+        """Yield the blocks and the log weights of a snapshot, of about PART slots each."""
+        reels, own = self._moments[at]
+        for reel in reels:
+            for span in reel.spans(own):
+                blocks = reel.taken[own].layout.blocks.some(*span)
+                yield blocks, reel.logs(own, *reel.slots(own, span))
 
     def follow(self, slots: Array) -> dict[str, Array]:
         """Return particle histories as columns lon, lat, status, scenario and probability, (m,
@@ -471,7 +516,11 @@ class SnapshotStore(Sequence[Snapshot]):
             }
             before, (reels, at) = slots.copy(), self._moments[number]
             for reel in reels:
-                for span in reel.spans(at):
+                blocks = reel.taken[at].layout.blocks
+                wanted = _match_slots(blocks, slots)[0]
+                # only blocks that hold requested particles are read
+                for block in np.unique(np.searchsorted(blocks.first, wanted, "right") - 1).tolist():
+                    span = block, block + 1
                     part = self._some(reel, number, span)
                     here, which = _match_slots(part.blocks, slots)
                     for name, values in own.items():
@@ -496,6 +545,21 @@ class SnapshotStore(Sequence[Snapshot]):
                 for name, column in zip(names, columns, strict=True):
                     column[which[own]] = reel.read(name, None, first, last)[here[own] - first]
         return columns
+
+
+def largest_log_weight(output: "AtTime") -> float:
+    """Return the largest log weight of a snapshot's particles."""
+    return max(float(logs.max()) for _, logs in output.spool.spans_of(output.at))
+
+
+def sum_weights_of(output: "AtTime", top: float) -> Partial:
+    """Return the summed weights of a snapshot's particles by block, in units of exp(top)."""
+    return partials.merge_partials(
+        [
+            blocks.partial(np.exp(logs.astype(np.float64) - top))
+            for blocks, logs in output.spool.spans_of(output.at)
+        ]
+    )
 
 
 def _match_slots(blocks: Blocks, slots: Array) -> tuple[Array, Array]:

@@ -4,9 +4,9 @@ A snapshot holds all particles or a part of them (whole blocks). Products proces
 by part, so that memory holds one part at a time.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -84,6 +84,32 @@ class Output(Protocol):
         """Return the parts; no two of them share a block."""
 
 
+Question = Callable[
+    [Any], Any
+]  # of an Output; what it returns can be merged with that of other particles
+
+
+class Deal(Protocol):
+    """Answers a question about each of some outputs, here or by workers."""
+
+    def __call__(
+        self, outputs: Sequence[Output], questions: Sequence[Question]
+    ) -> Iterator[Sequence[Any]]:
+        """Yield the answers to each output's question: of parts of its particles, in their order.
+
+        Args:
+            outputs: the particles at some times.
+            questions: one for each output; they can be sent to another process.
+        """
+
+
+def answer_here(
+    outputs: Sequence[Output], questions: Sequence[Question]
+) -> Iterator[Sequence[Any]]:
+    """Yield the answer to each output's question of all its particles: a `Deal` of this process."""
+    return ([question(output)] for output, question in zip(outputs, questions, strict=True))
+
+
 def total(output: Output, sums: Callable[[Snapshot], Partial]) -> Partial:
     """Return sums over all particles of an output; sums: computes those of one part."""
     return partials.merge_partials([sums(part) for part in output.parts()])
@@ -101,6 +127,15 @@ def mapped(snapshot: Snapshot) -> Array:
 def swarm(snapshot: Snapshot) -> Swarm:
     """Return the particles as the kernels in kernels.step.tally take them."""
     return Swarm(snapshot.lon, snapshot.lat, snapshot.probability, snapshot.status, KINDS)
+
+
+def status_sums(output: Output) -> Partial:
+    """Return the summed probability of each status."""
+    return total(output, _status_sums_of_part)
+
+
+def _status_sums_of_part(part: Snapshot) -> Partial:
+    return part.blocks.partial(part.probability, code=part.status, many=len(status.Status))
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,25 @@
 import asyncio
 import contextlib
 import importlib
+import itertools
 import logging
+import math
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, wait
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from drift.case.record import Case
 from drift.engine.motion.clock import Clock
+from drift.engine.motion.spool import AtTime
 from drift.engine.particles.ensemble import Layout
+from drift.engine.particles.snapshot import Question
 from drift.pipeline.shards import fingerprint, worker
 from drift.pipeline.shards.divide import Begun, Workers
 from drift.pipeline.shards.work import Task, Work
@@ -24,6 +31,7 @@ PATIENCE = 20  # [s] to wait for a cluster to answer
 # [s] to wait for a first worker, or for a new one after all are lost: batch queues are slow
 WAIT = 900
 LOOK, POLL = 10, 0.05  # [s] between checks for workers, and for a finished shard
+QUESTIONS = 1  # least number of questions about all outputs, per worker
 # warnings go to standard error unless the calling program configures logging
 LOG = logging.getLogger("drift")
 
@@ -194,7 +202,7 @@ def move_shards_on_cluster(
     """
     if not units:
         return
-    stored = lambda: f"{kept.folder}: {kept.kept}"  # noqa: E731
+    stored = partial(_stored, kept)
     with _lost_cluster_as_error(stored):
         check(client, kept.folder)
         # passed to each task: scattered data would be lost with its worker
@@ -205,6 +213,11 @@ def move_shards_on_cluster(
         for done, (_, sound) in enumerate(_finished_tasks(client, tasks, stored), 1):
             kept.sound.add(sound)  # the worker has just computed the file's digest
             tell(done)
+
+
+def _stored(kept: Work) -> str:
+    """Return what is stored of a run, and where, for messages."""
+    return f"{kept.folder}: {kept.kept}"
 
 
 def check_shard_starts(
@@ -228,6 +241,77 @@ def check_shard_starts(
         ]
         found = dict(_finished_tasks(client, tasks, stored))
     return [found[task.key] for task in tasks]
+
+
+def answer_on_workers(
+    client: Any,
+    kept: Work,
+    mark: Mapping[str, str],
+    outputs: Sequence[AtTime],
+    questions: Sequence[Question],
+) -> Iterator[Sequence[Any]]:
+    """Yield the answers to questions about stored outputs: a `Deal` of the workers.
+
+    Each task reads one output of a range of shards. Answers stay on the workers until their turn.
+
+    Args:
+        client: the client of the cluster.
+        kept: the store of finished shards.
+        mark: the run's fingerprint.
+        outputs: the particles at some times, all of one store.
+        questions: one for each output.
+
+    Raises:
+        UserError: the cluster is lost.
+    """
+    if not outputs:
+        return
+    store, ask = outputs[0].spool, partial(_answers, client, kept, mark)
+    with _lost_cluster_as_error(partial(_stored, kept)):
+        store.normalise([output.at for output in outputs], ask)
+        yield from ask(outputs, questions)
+
+
+def _answers(
+    client: Any,
+    kept: Work,
+    mark: Mapping[str, str],
+    outputs: Sequence[AtTime],
+    questions: Sequence[Question],
+) -> Iterator[Sequence[Any]]:
+    """Yield the answers of `answer_on_workers`, whose scale of weights is known."""
+    stored = partial(_stored, kept)
+    _wait_for_worker(client, f"the cluster has no workers; {stored()}")
+    addresses = sorted(client.nthreads())
+    store = outputs[0].spool
+    cuts = min(math.ceil(QUESTIONS * len(addresses) / len(outputs)), store.shards)
+    edges = np.linspace(0, store.shards, cuts + 1).astype(int).tolist()
+    ranges = list(itertools.pairwise(edges))
+
+    def submit(output: AtTime, number: int, question: Question) -> Any:
+        # the same worker each time, whose memory holds what it has read
+        own = addresses[(output.at * cuts + number) % len(addresses)]
+        return client.submit(
+            worker.answer,
+            dict(mark),
+            store.some(output.at, *ranges[number]),
+            question,
+            pure=False,
+            retries=0,
+            workers=[own],
+            allow_other_workers=True,
+        )
+
+    tasks = [
+        [submit(output, number, question) for number in range(cuts)]
+        for output, question in zip(outputs, questions, strict=True)
+    ]
+    try:
+        while tasks:
+            yield [_result_of(client, task, stored) for task in tasks.pop(0)]
+    finally:
+        with contextlib.suppress(Exception):  # the scheduler may be lost
+            client.cancel([task for own in tasks for task in own])
 
 
 def release(client: Any) -> None:

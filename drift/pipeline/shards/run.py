@@ -16,6 +16,7 @@ from drift.engine.motion import prior
 from drift.engine.motion.spool import ShardFile, SnapshotStore
 from drift.engine.particles import weights
 from drift.engine.particles.ensemble import Layout
+from drift.engine.particles.snapshot import Deal, answer_here
 from drift.evidence.filter import meeting
 from drift.evidence.filter.account import UpdateCallback
 from drift.evidence.filter.meeting import ResamplingRule
@@ -87,7 +88,10 @@ def move_shards(
             kept.begin_anew()
             progress, records = _simulate_stretches(job, run, kept, mark, noted)
         last = progress.stretches[-1]
-        with SnapshotStore(progress.stretches) as spool:
+        deal: Deal = answer_here
+        if job.client is not None:
+            deal = partial(cluster.answer_on_workers, job.client, kept, mark)
+        with SnapshotStore(progress.stretches, deal=deal) as spool:
             blocks = progress.layout.blocks
             unsearched = (
                 columns(last, blocks, ["unsearched"]) if "unsearched" in last[0].notes else None

@@ -18,6 +18,7 @@ from drift.engine.environment.environment import Environment
 from drift.engine.motion.clock import Clock
 from drift.engine.motion.scene import Scene
 from drift.engine.particles.ensemble import Layout
+from drift.engine.particles.snapshot import Output, Question
 from drift.pipeline import run_setup
 from drift.pipeline.shards import divide, fingerprint, work
 from geo.errors import UserError
@@ -78,6 +79,20 @@ def begun(case: Case, mark: Mapping[str, str], clock: Clock, layout: Layout) -> 
     with runtime.alone():
         where, scene = _open_once(case, mark)
         return divide.check_shard_start(case, where, scene, clock, layout)
+
+
+def answer(mark: Mapping[str, str], output: Output, question: Question) -> Any:
+    """Return the answer to a question about some stored particles.
+
+    Args:
+        mark: the fingerprint of the run.
+        output: the particles.
+        question: what is asked.
+    """
+    with runtime.alone():
+        runtime.start(threads=1)
+        _check(mark, _machine())
+        return question(output)
 
 
 def release() -> None:

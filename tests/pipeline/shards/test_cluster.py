@@ -16,6 +16,8 @@ import xarray as xr
 
 import drift
 from drift import version
+from drift.engine.motion import spool
+from drift.forecast import cloud
 from drift.pipeline import flow, run_setup
 from drift.pipeline.shards import cluster, divide, fingerprint, machine, unit, worker
 from kernels.runtime import memory
@@ -63,6 +65,32 @@ def test_two_workers_make_the_same(
     assert shares == sorted(shares)
     assert shares[0] < 0.5
     assert shares[-1] == 1.0
+
+
+@pytest.mark.thorough
+def test_workers_read_the_particles_for_the_products(
+    case: drift.Case,
+    made: drift.Result,
+    client: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The process that waits for them reads the tracks alone; killed at the maps, it resumes."""
+
+    def stop(*given: object) -> None:
+        raise InterruptedError
+
+    monkeypatch.setattr(spool.SnapshotStore, "parts", lambda *given: pytest.fail("it reads"))
+    with monkeypatch.context() as stopped:
+        stopped.setattr(cloud, "merge_deposits", stop)
+        with pytest.raises(InterruptedError):
+            drift.run(case, tmp_path / "out", client=client, shards=5)
+    monkeypatch.setattr(cluster, "move_shards_on_cluster", _none_is_missing)
+    runs.same(drift.run(case, tmp_path / "out", client=client, shards=5), made)
+
+
+def _none_is_missing(client: object, kept: object, mark: object, units: list[object], *_: object):
+    assert not units
 
 
 @pytest.mark.thorough

@@ -48,18 +48,18 @@ def test_on_disk_they_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_one_map_at_most_is_laid_out_before_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     """What particles leave in cells is asked for map by map; each is let go of once it is put in."""
     asked, done, ahead = [0], [0], []
-    laid, put = build.cloud.deposits, build.dataset.Maps.put
+    laid, put = build.cloud.deposit_sums, build.dataset.Maps.put
 
-    def counted(*given: object) -> object:
+    def counted(*given: object, **named: object) -> object:
         asked[0] += 1
         ahead.append(asked[0] - done[0])
-        return laid(*given)
+        return laid(*given, **named)
 
     def putting(*given: object) -> None:
         put(*given)
         done[0] += 1
 
-    monkeypatch.setattr(build.cloud, "deposits", counted)
+    monkeypatch.setattr(build.cloud, "deposit_sums", counted)
     monkeypatch.setattr(build.dataset.Maps, "put", putting)
     build.build_forecast(outputs() * 4, scenarios=["one", "other"])
     assert asked[0] == 4 * (OUTPUTS - 1)
