@@ -75,11 +75,26 @@ def _forecasts(name: str, key: str) -> Callable[[Run], float]:
     return lambda run: float(run["forecasts"][name][key])
 
 
+def _peers(figure: str, job: str, *programs: str) -> tuple[Figure, ...]:
+    """Return a number of several programs that did one job of benchmarks/peers.py."""
+
+    def of(program: str) -> Callable[[Run], float]:
+        return lambda run: float(run["programs"][f"{program}, {job}"][figure])
+
+    short = {"full_caches_s": "picture [s]", "empty_caches_s": "first run [s]"}
+    unit = short.get(figure, "particle-day [us]")
+    pattern = ".2f" if unit.endswith("[us]") else ".1f"
+    return tuple(Figure(f"{one}, {job}: {unit}", of(one), pattern) for one in programs)
+
+
 _plain = _ns("RK4 current, wind, leeway (the yardstick's work)")
 _full = _ns("+ both, coast (open sea)")
 SEA, SEA_MAP = "open sea, no coast: run_many, no map", "open sea, no coast: run_many, one map"
 COAST_MAP = "Norwegian coast: run_many, one map"
 YARDSTICKS = " --yardsticks FOLDER"
+PEERS = " --opendrift PYTHON --parcels PYTHON --oceantracker PYTHON"
+ALL = ("drift", "OpenDrift", "Parcels", "OceanTracker")
+BESIDE = "drift {} {unit}, OpenDrift {} {unit}, Parcels {} {unit}, OceanTracker {} {unit}"
 ROWS: dict[str, tuple[Row, ...]] = {
     "throughput": (
         Row(
@@ -171,22 +186,61 @@ ROWS: dict[str, tuple[Row, ...]] = {
             ),
         ),
     ),
+    "peers": (
+        Row(
+            "first picture, from nothing, of 100,000 rafts (leeway, coast) over 48 h",
+            "drift {} s, OpenDrift's Leeway {} s",
+            _peers("full_caches_s", "rafts", *ALL[:2]),
+            PEERS,
+        ),
+        Row(
+            "the same on the very first run, with empty caches",
+            "drift {} s, OpenDrift's Leeway {} s",
+            _peers("empty_caches_s", "rafts", *ALL[:2]),
+            PEERS,
+        ),
+        Row(
+            "first picture of 100,000 passive particles in a current over 48 h",
+            BESIDE.replace("{unit}", "s"),
+            _peers("full_caches_s", "passive", *ALL),
+            PEERS,
+        ),
+        Row(
+            "the same on the very first run, with empty caches",
+            BESIDE.replace("{unit}", "s"),
+            _peers("empty_caches_s", "passive", *ALL),
+            PEERS,
+        ),
+        Row(
+            "a particle-day of rafts, 144 steps: drift RK4, OpenDrift Euler",
+            "drift {} us, OpenDrift's Leeway {} us",
+            _peers("us_a_particle_day", "rafts", *ALL[:2]),
+            PEERS,
+        ),
+        Row(
+            "a particle-day of passive particles, 144 RK4 steps",
+            BESIDE.replace("{unit}", "us"),
+            _peers("us_a_particle_day", "passive", *ALL),
+            PEERS,
+        ),
+    ),
 }
 
 
 def runs(name: str) -> list[Run]:
-    """Return the runs of a benchmark, the newest last."""
-    held: list[Run] = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    """Return the runs of a benchmark, the newest last; none where it has not been recorded yet."""
+    path = FOLDER / f"{name}.json"
+    held: list[Run] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
     return held
 
 
 def table() -> str:
     """Return the table of the newest runs in Markdown, with the machines above it."""
-    newest = {name: runs(name)[-1] for name in ROWS}
+    newest = {name: held[-1] for name in ROWS if (held := runs(name))}
     machines = sorted({f"{run['cores']} cores of {run['machine']}" for run in newest.values()})
     lines = [f"On {' and '.join(machines)}:", "", *_line("what", "measured", "command"), *_rule(3)]
-    for name, rows in ROWS.items():
-        for row in rows:
+    for name in newest:
+        for row in ROWS[name]:
             shown = [f"{figure.of(newest[name]):{figure.pattern}}" for figure in row.figures]
             told = row.words.format(*shown)
             lines += _line(row.what, told, f"`python benchmarks/{name}.py{row.options}`")
@@ -203,6 +257,8 @@ def history() -> str:
     """Return docs/history.md: a table of all runs for each benchmark."""
     lines = []
     for name, rows in ROWS.items():
+        if not runs(name):
+            continue
         figures = [figure for row in rows for figure in row.figures]
         lines += ["", f"## {name}", ""]
         lines += _line("day", "commit", "machine", *(figure.label for figure in figures))
