@@ -96,6 +96,14 @@ def test_a_backward_run_has_the_same_defaults_and_one_without_wind_none_of_it(tm
     assert (swimmer.current_error.std, swimmer.wind_error.std) == (0.31, 0.0)
 
 
+def test_the_wind_of_debris_has_its_error_though_the_object_feels_none(tmp_path) -> None:
+    text = sources(tmp_path, wind="file") + RAFT
+    for debris, std in (("PIW-1", 2.0), ("water", 0.0)):
+        seen = f'[[contact]]\nname = "seen"\ntime = "+2 h"\nposition = {{ at = [4.2, 59.1], std = "3 nmi" }}\nof = "{debris}"\n'
+        found = load(tmp_path, text + seen, scenario__0__object='"water"')
+        assert found.wind_error.std == std
+
+
 def test_the_default_of_the_current_is_what_was_measured() -> None:
     """The law (1 - b) exp(-t / T) + b, held against the ranges that the residuals gave."""
     std, time, bias = three(uncertainty.CURRENT)

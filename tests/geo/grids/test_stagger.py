@@ -123,6 +123,19 @@ def own_points(side: int) -> tuple[Any, Any]:
     )
 
 
+def test_columns_midway_across_the_antimeridian(tmp_path: Path) -> None:
+    """T points in rows and columns, whose longitudes jump from 180 to -180 degrees."""
+    lon, lat = np.meshgrid(177.1 + 0.5 * np.arange(12), -17.3 + 0.25 * np.arange(9))
+    current = ("time", "y", "x"), np.full((len(writers.TIMES), *lon.shape), 0.3), {"units": "m/s"}
+    held: dict[str, Any] = {"vozocrtx": current, "vomecrty": current}
+    held["glamt"] = ("y", "x"), (lon + 180) % 360 - 180, {"units": "degrees_east"}
+    held["gphit"] = ("y", "x"), lat, {"units": "degrees_north"}
+    xr.Dataset(held, {"time": writers.TIMES}).to_netcdf(tmp_path / "a.nc")
+    for side, name in enumerate(("vozocrtx", "vomecrty")):
+        east, north = (0.25, 0.0) if side == 0 else (0.0, 0.125)
+        assert apart(places(tmp_path / "a.nc", name, side), (lon + east, lat + north)) < 0.1
+
+
 @pytest.mark.parametrize("how", ["names", "masks", "stated"])
 def test_nemo_from_t_points(how: str, tmp_path: Path) -> None:
     names = ("u", "v") if how != "names" else ("vozocrtx", "vomecrty")

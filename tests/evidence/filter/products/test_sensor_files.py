@@ -19,7 +19,7 @@ from drift.apps.cli import outcome
 from drift.case import file as case_file
 from drift.evidence.filter import crossings
 from drift.evidence.filter import shapes as search_shapes
-from drift.evidence.filter.products import layers
+from drift.evidence.filter.products import layers, report
 from drift.evidence.filter.records import Line
 from drift.pipeline import run_setup
 from geo import sphere
@@ -136,6 +136,23 @@ def test_the_table_of_lines_is_that_of_the_summary(written) -> None:
     assert found[5]["probability"] == "0"
     assert found[5]["first_50"] == ""
     assert told[1]["first"]["5 %"] is None
+
+
+@pytest.mark.thorough
+def test_every_shape_is_in_one_layer_of_the_report(written) -> None:
+    case, result, folder = written
+    layers_of = [
+        leaf["where"]
+        for leaf in report.search_leaves(result.updates, (), (), case.sensors)
+        if leaf["leaf"] == "shapes"
+    ]
+    for feature in json.loads((folder / "sorties.geojson").read_text())["features"]:
+        own = feature["properties"]
+        held = [
+            all(own[key] == value or own[key] in value for key, value in where.items())
+            for where in layers_of
+        ]
+        assert sum(held) == 1, own["name"]
 
 
 @pytest.mark.thorough
