@@ -83,7 +83,7 @@ def _peers(figure: str, job: str, *programs: str) -> tuple[Figure, ...]:
 
     short = {"full_caches_s": "picture [s]", "empty_caches_s": "first run [s]"}
     unit = short.get(figure, "particle-day [us]")
-    pattern = ".2f" if unit.endswith("[us]") else ".1f"
+    pattern = ".3g" if unit.endswith("[us]") else ".1f"
     return tuple(Figure(f"{one}, {job}: {unit}", of(one), pattern) for one in programs)
 
 
@@ -188,7 +188,7 @@ ROWS: dict[str, tuple[Row, ...]] = {
     ),
     "peers": (
         Row(
-            "first picture, from nothing, of 100,000 rafts (leeway, coast) over 48 h",
+            "first picture, from nothing, of {particles:,} rafts (leeway, coast) over {hours} h",
             "drift {} s, OpenDrift's Leeway {} s",
             _peers("full_caches_s", "rafts", *ALL[:2]),
             PEERS,
@@ -200,7 +200,7 @@ ROWS: dict[str, tuple[Row, ...]] = {
             PEERS,
         ),
         Row(
-            "first picture of 100,000 passive particles in a current over 48 h",
+            "first picture of {particles:,} passive particles in a current over {hours} h",
             BESIDE.replace("{unit}", "s"),
             _peers("full_caches_s", "passive", *ALL),
             PEERS,
@@ -228,22 +228,22 @@ ROWS: dict[str, tuple[Row, ...]] = {
 
 
 def runs(name: str) -> list[Run]:
-    """Return the runs of a benchmark, the newest last; none where it has not been recorded yet."""
-    path = FOLDER / f"{name}.json"
-    held: list[Run] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
+    """Return the runs of a benchmark, the newest last."""
+    held: list[Run] = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
     return held
 
 
 def table() -> str:
     """Return the table of the newest runs in Markdown, with the machines above it."""
-    newest = {name: held[-1] for name in ROWS if (held := runs(name))}
+    newest = {name: runs(name)[-1] for name in ROWS}
     machines = sorted({f"{run['cores']} cores of {run['machine']}" for run in newest.values()})
     lines = [f"On {' and '.join(machines)}:", "", *_line("what", "measured", "command"), *_rule(3)]
-    for name in newest:
-        for row in ROWS[name]:
+    for name, rows in ROWS.items():
+        for row in rows:
             shown = [f"{figure.of(newest[name]):{figure.pattern}}" for figure in row.figures]
             told = row.words.format(*shown)
-            lines += _line(row.what, told, f"`python benchmarks/{name}.py{row.options}`")
+            what = row.what.format_map(newest[name])
+            lines += _line(what, told, f"`python benchmarks/{name}.py{row.options}`")
     return "\n".join(lines) + "\n"
 
 
@@ -257,8 +257,6 @@ def history() -> str:
     """Return docs/history.md: a table of all runs for each benchmark."""
     lines = []
     for name, rows in ROWS.items():
-        if not runs(name):
-            continue
         figures = [figure for row in rows for figure in row.figures]
         lines += ["", f"## {name}", ""]
         lines += _line("day", "commit", "machine", *(figure.label for figure in figures))
