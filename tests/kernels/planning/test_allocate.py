@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from drift.evidence.filter.records import Law
 from drift.planning.search import concave
 from kernels.planning import allocate
 
@@ -17,10 +16,11 @@ def test_a_gain_counts_the_sweep_width_that_a_particle_has_in_each_bin() -> None
     sweep = RNG.uniform(0.2, 3.0, (4, units))
     fall, weight = RNG.uniform(0, 1, (bins, m)), RNG.dirichlet(np.ones(m))
     density = RNG.uniform(0, 0.5, (cells, units))
-    curve = concave.curve((Law("random"),))
+    coverage = np.arange(2000) * concave.STEP
+    curve = 1 - np.exp(-coverage), np.exp(-coverage), np.zeros(2000)
     field = allocate.Field(
         cell, cells, fall, np.zeros((bins, m)), row, weight, sweep, np.zeros(units),
-        (curve.value, curve.slope, curve.conjugate), concave.STEP,
+        curve, concave.STEP,
     )  # fmt: skip
 
     there = cell >= 0
@@ -31,7 +31,7 @@ def test_a_gain_counts_the_sweep_width_that_a_particle_has_in_each_bin() -> None
     np.add.at(wanted, cell[there], worth[there][:, None] * sweep[row][there])
 
     found, _ = field.spend(density)
-    # the curve is a table with straight lines between its nodes, right to STEP^2 / 8
+    # straight lines between the nodes of a table are right to STEP^2 / 8
     bound = concave.STEP**2 / 8 + 1e-5
     assert abs(found - (weight * fall * (1 - missed)).sum()) < bound * fall.sum(axis=0).max()
     whole = np.zeros((cells, units))  # what nothing found before would be worth
