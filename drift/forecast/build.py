@@ -157,14 +157,14 @@ def _prepare(
         _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
     )
     land = _Land(is_land, common)
-    drawn_on = [
-        (output, cloud.paper_of_output(known, window, shown, output.n))
+    gridded = [
+        (output, cloud.gridding_of_output(known, window, shown, output.n))
         for output, known, window in zip(outputs, surveys, windows, strict=True)
         if window is not None
     ]
     answers = deal(
-        [output for output, _ in drawn_on],
-        [partial(cloud.deposit_sums, paper=paper) for _, paper in drawn_on],
+        [output for output, _ in gridded],
+        [partial(cloud.deposit_sums, gridding=gridding) for _, gridding in gridded],
     )
     each: Iterable[_Laid | None] = (
         None

@@ -114,7 +114,7 @@ def merge_extents(parts: Sequence[ExtentSums], known: Survey) -> Cloud:
 
 
 @dataclass(frozen=True)
-class Paper:
+class Gridding:
     """The cells of an output's map, and how its particles are deposited in them."""
 
     window: Cells
@@ -130,30 +130,38 @@ class DepositSums:
 
     cells: Array  # flat indices of the occupied cells, ascending (h,)
     # int64: weights and squares by group and medium, weights by scenario and medium: (.., h); (.., 0)
-    # where `paper` needs none
+    # where `gridding` needs none
     amounts: tuple[Array, Array, Array]
 
 
-def paper_of_output(known: Survey, window: Cells, shown: Shown, n: int) -> Paper:
+def gridding_of_output(known: Survey, window: Cells, shown: Shown, n: int) -> Gridding:
     """Return how the n particles of an output are deposited in its cells, from their survey."""
     level = known.lightest == known.heaviest
-    return Paper(window, shown, n, 2 if known.ashore else 1, 0.0 if level else known.heaviest)
+    return Gridding(window, shown, n, 2 if known.ashore else 1, 0.0 if level else known.heaviest)
 
 
-def deposit_sums(output: Output, paper: Paper) -> DepositSums:
+def deposit_sums(output: Output, gridding: Gridding) -> DepositSums:
     """Return the deposits of an output's particles in the cells of its map."""
-    window, shown = paper.window, paper.shown
+    window, shown = gridding.window, gridding.shown
     medium = (np.arange(len(Status)) == Status.ASHORE).astype(np.int32)
     places = shown.place.astype(np.int32)
 
     def marked(part: Snapshot) -> tuple[Swarm, Marks]:
-        return swarm(part), Marks(group(part.blocks.places, paper.n), medium, part.scenario, places)
+        return swarm(part), Marks(
+            group(part.blocks.places, gridding.n), medium, part.scenario, places
+        )
 
     held = tally.held(map(swarm, output.parts()), window)
     sums = tally.laid(
-        map(marked, output.parts()), window, held, GROUPS, paper.media, shown.size, paper.heaviest
+        map(marked, output.parts()),
+        window,
+        held,
+        GROUPS,
+        gridding.media,
+        shown.size,
+        gridding.heaviest,
     )
-    needed = True, paper.heaviest > 0, shown.size > 1
+    needed = True, gridding.heaviest > 0, shown.size > 1
     mass, squares, scenarios = (
         own if kept else own[..., :0] for own, kept in zip(sums, needed, strict=True)
     )

@@ -67,7 +67,7 @@ def test_the_same_bits(edges: tuple[int, ...], copies: bool) -> None:
 
 
 def test_the_lightest_and_the_heaviest_of_all_shards_count() -> None:
-    """Whether all weigh alike depends on them."""
+    """They decide whether all particles have the same weight."""
     one = output(0, copies=False)
     weight = np.where(np.arange(N) < partials.BLOCK, 1.0, 3.0)
     one = dataclasses.replace(one, probability=weight / weight.sum())

@@ -31,7 +31,6 @@ PATIENCE = 20  # [s] to wait for a cluster to answer
 # [s] to wait for a first worker, or for a new one after all are lost: batch queues are slow
 WAIT = 900
 LOOK, POLL = 10, 0.05  # [s] between checks for workers, and for a finished shard
-QUESTIONS = 1  # least number of questions about all outputs, per worker
 # warnings go to standard error unless the calling program configures logging
 LOG = logging.getLogger("drift")
 
@@ -284,7 +283,7 @@ def _answers(
     _wait_for_worker(client, f"the cluster has no workers; {stored()}")
     addresses = sorted(client.nthreads())
     store = outputs[0].spool
-    cuts = min(math.ceil(QUESTIONS * len(addresses) / len(outputs)), store.shards)
+    cuts = min(math.ceil(len(addresses) / len(outputs)), store.shards)  # at least a task a worker
     edges = np.linspace(0, store.shards, cuts + 1).astype(int).tolist()
     ranges = list(itertools.pairwise(edges))
 
