@@ -5,6 +5,7 @@ containment areas and their outlines.
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import contourpy
 import numpy as np
@@ -25,13 +26,24 @@ class Deposits:
 
     cells: flat indices, (n,). mass, squares: summed weights and squared weights by group and medium
     (adrift; ashore if any particle is), shape (4, media, n). scenario: weights by displayed
-    scenario (drift.forecast.likeliest) and medium, shape (scenarios, media, n).
+    scenario (drift.forecast.likeliest) and medium, shape (scenarios, media, n). Cells vary slowest
+    in memory, as the kernels lay them: the order of float sums depends on it.
     """
 
     cells: Array
     mass: Array
     squares: Array
     scenario: Array
+
+    @classmethod
+    def by_cell(cls, cells: Array, *amounts: Array) -> "Deposits":
+        """Return the deposits of mass, squares and scenario, given cells first, (n, ..., media)."""
+        return cls(cells, *(np.moveaxis(own, 0, -1) for own in amounts))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Keep the order in memory in another process, where NumPy would lay them anew."""
+        amounts = self.mass, self.squares, self.scenario
+        return Deposits.by_cell, (self.cells, *(np.moveaxis(own, -1, 0) for own in amounts))
 
 
 @dataclass(frozen=True)

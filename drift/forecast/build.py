@@ -7,12 +7,9 @@ to 1, but are on no map. Longitudes continue across the antimeridian, eastward f
 western edge. The particles are read part by part (drift.engine.particles.snapshot).
 """
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -27,15 +24,15 @@ from drift.forecast.likeliest import Shown
 from drift.forecast.products import dataset
 from drift.forecast.shares import SHARES
 from drift.forecast.survey import Survey
+from drift.products.files import copies
 from geo import sphere
 from geo.array import Array
 from geo.cells import QUANTUM, Cells, IsLand
 from geo.errors import UserError
+from kernels.runtime import runtime
 
-T = TypeVar("T")
-R = TypeVar("R")
-
-AT_ONCE = 2  # maps computed at the same time, some 50 MB each
+MOST_COPIES = 8  # copies of this process that compute maps, some 50 MB each
+WORTH = 1_000_000  # cells of all maps from which copies gain more than starting them costs
 ACROSS = 360  # most cells across the forecast's grid
 ACROSS_ONE = 840  # most cells across the finer grid of a single snapshot
 MOST_ONE = 1_500_000  # most cells of a snapshot on a user-defined grid
@@ -173,41 +170,30 @@ def _prepare(
         for known, window in zip(surveys, windows, strict=True)
     )
     laid = list(each) if ahead else each
+    # Python's threads would wait for each other; the functions of `begin` run beside other work
+    cells = sum(own.window.nlat * own.window.nlon for _, own in gridded)
+    processes = min(runtime.threads(), MOST_COPIES) if cells > WORTH and not ahead else 1
     bandwidths = None if grid is None else [None if own is None else own.spacing for own in clouds]
 
     def rest(tell: Callable[[float], None] = lambda share: None) -> Forecast:
         maps, contours = dataset.Maps(len(surveys), common, shown.size, len(shares)), []
-        with ThreadPoolExecutor(AT_ONCE) as pool:
-            drawn = _map_in_order(
-                pool, lambda own: None if own is None else _map(own, shares, common), laid
-            )
-            for number, (known, made) in enumerate(zip(surveys, drawn, strict=True)):
-                if made is not None:
-                    area, outlines = made
-                    maps.put(number, area)
-                    contours += [
-                        Contour(known.time, share, float(size), outline)
-                        for share, size, outline in zip(shares, area.areas, outlines, strict=True)
-                    ]
-                tell((number + 1) / len(surveys))
+        drawn = copies.map_in_order(
+            lambda own: None if own is None else _map(own, shares, common), laid, processes
+        )
+        for number, (known, made) in enumerate(zip(surveys, drawn, strict=True)):
+            if made is not None:
+                area, outlines = made
+                maps.put(number, area)
+                contours += [
+                    Contour(known.time, share, float(size), outline)
+                    for share, size, outline in zip(shares, area.areas, outlines, strict=True)
+                ]
+            tell((number + 1) / len(surveys))
         return Forecast(
             dataset.build_dataset(surveys, scenarios, maps, shares, bandwidths), tuple(contours)
         )
 
     return rest
-
-
-def _map_in_order(
-    pool: ThreadPoolExecutor, function: Callable[[T], R], items: Iterable[T]
-) -> Iterator[R]:
-    """Yield the results of a function in the order of its items, computing at most one ahead."""
-    waiting: deque[Future[R]] = deque()
-    for item in items:
-        waiting.append(pool.submit(function, item))
-        if len(waiting) > AT_ONCE:
-            yield waiting.popleft().result()
-    while waiting:
-        yield waiting.popleft().result()
 
 
 def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:

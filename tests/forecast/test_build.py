@@ -210,9 +210,7 @@ def test_the_antimeridian_is_no_seam():
 
 
 def test_times_share_one_grid_and_early_areas_stay_sharp():
-    """A position known to 10 m grows to 10 nmi: its first area comes from cells of its own, not the
-    common ones.
-    """
+    """A position known to 10 m grows to 10 nmi: its first area has cells of its own."""
     rng = np.random.default_rng(12)
     unit = rng.normal(size=(2, 20_000))
     snapshots = [
@@ -226,6 +224,40 @@ def test_times_share_one_grid_and_early_areas_stay_sharp():
     np.testing.assert_allclose(
         data["probability"].sum(("lat", "lon"), dtype=float).values, 1, rtol=1e-6
     )
+
+
+@pytest.mark.parametrize("processes", [2, 3])
+def test_maps_that_copies_of_the_process_compute_are_the_same_bits(monkeypatch, processes):
+    """Adrift and ashore, unequal weights, two scenarios; no particle is on the second map."""
+    rng = np.random.default_rng(14)
+    unit, weight = rng.normal(size=(2, 9000)), rng.random(9000)
+    some = rng.choice([Status.ADRIFT, Status.ASHORE], 9000)
+    made = [
+        snapshot(
+            *(unit * s),
+            time=TIME + np.timedelta64(i, "h"),
+            weight=weight / weight.sum(),
+            scenario=np.repeat([0, 1], [4000, 5000]),
+            status=np.full(9000, Status.SUNK) if i == 1 else some,
+        )
+        for i, s in enumerate((300.0, 500.0, 2000.0, 7000.0))
+    ]
+    here = forecast_build.build_forecast(made, scenarios=["a", "b"])
+    asked = []
+    monkeypatch.setattr(forecast_build, "WORTH", 0)
+    monkeypatch.setattr(forecast_build.runtime, "threads", lambda: processes)
+    map_in_order = forecast_build.copies.map_in_order
+    monkeypatch.setattr(
+        forecast_build.copies,
+        "map_in_order",
+        lambda function, items, many: asked.append(many) or map_in_order(function, items, many),
+    )
+    there = forecast_build.build_forecast(made, scenarios=["a", "b"])
+    assert asked == [processes]
+    assert here.data.identical(there.data)
+    for one, other in zip(here.contours, there.contours, strict=True):
+        assert (one.time, one.share, one.area) == (other.time, other.share, other.area)
+        assert one.polygon.equals_exact(other.polygon, 0)
 
 
 @dataclasses.dataclass
@@ -267,9 +299,7 @@ class InParts:
 @pytest.mark.thorough
 @pytest.mark.parametrize("cuts", [[], [1], [2, 3, 5]])
 def test_same_bits_for_particles_in_any_parts(cuts):
-    """Copies, worlds, scenarios in blocks of their own, weights over six orders, some off the map:
-    every variable.
-    """
+    """Copies, worlds, scenarios in blocks, weights over six orders, some off the map."""
     rng = np.random.default_rng(13)
     n, bounds = 30_000, (0, 9000, 30_000)
     own = {

@@ -556,6 +556,9 @@ class SearchFilter:
         under_way, observed = self._begun_sorties(time), self._observers.so_far(time)
         weight = self.ensemble.log_weight
         if under_way:
+            assert self._step is not None
+            # exposures until the end of the step are those that `watch` asks for next
+            at_end = time == self._step.elapsed + self._step.duration
             weight = runtime.copy(weight)
             copies: dict[tuple[str, float], ReportGroup] = {}
             for number, flown in enumerate(under_way):
@@ -563,7 +566,7 @@ class SearchFilter:
                 group = copies.get(flown.key, self._groups[flown.key])
                 if keep and flown.key not in copies:
                     group = copies[flown.key] = group.copy()
-                exposed = self._exposure_until(flown, time, keep=False)
+                exposed = self._exposure_until(flown, time, keep=at_end)
                 self._fail(flown, exposed, group, weight, keep)
         now = np.asarray(weight.to_numpy())
         return now if observed is None else (now + observed).astype(np.float32)

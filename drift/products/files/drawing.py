@@ -1,27 +1,25 @@
-"""Draw the pictures of a run in parallel: by this process, and on Linux by forked copies of it.
+"""Draw the pictures of a run in parallel: by this process, and by copies of it where there can be
+any (drift.products.files.copies).
 
-A fork has all results in memory at no cost. Each process takes the next picture that none has
-begun, and a fork reports each one that it has drawn. Pictures that no fork reported are drawn by
-this process at the end, so the files do not depend on whether forks succeed. On other systems
-libraries do not survive a fork, or there is none.
+Each process takes the next picture that none has begun, and a fork reports each one that it has
+drawn. Pictures that no fork reported are drawn by this process at the end, so the files do not
+depend on whether forks succeed.
 """
 
 import contextlib
-import ctypes
 import json
 import os
 import select
 import signal
-import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+from drift.products.files import copies
+
 MOST = 4  # processes that draw; each needs some 100 MB
 TURN = 2  # [bytes] of a picture's number
 TURNS = 2000  # pictures that are shared among processes; their numbers must fit into the pipe
-PATIENCE = 60.0  # [s] without a report after which a fork is given up
-DIE_WITH_PARENT = 1  # option of prctl: signal to a process whose parent dies
 
 Draw = Callable[[Path], None]
 Tell = Callable[[float], None]  # takes the share of pictures that is done
@@ -41,15 +39,15 @@ def draw_in_parallel(
     Returns:
         A context manager that yields a function: it takes part in drawing until all are drawn.
     """
-    copies: dict[int, int] = {}  # process id by the pipe of its reports
+    forks: dict[int, int] = {}  # process id by the pipe of its reports
     queue, queue_end = os.pipe()
     os.write(queue_end, b"".join(k.to_bytes(TURN, "big") for k in range(min(len(pictures), TURNS))))
     os.close(queue_end)
     try:
-        if sys.platform == "linux":
+        if copies.possible():
             with contextlib.suppress(OSError):  # the system allows no more processes
                 for _ in range(min(processes, MOST, len(pictures)) - 1):
-                    _start_copy(pictures, place, queue, copies)
+                    _start_copy(pictures, place, queue, forks)
 
         def finish(tell: Tell) -> None:
             remaining = dict(pictures)
@@ -61,19 +59,19 @@ def draw_in_parallel(
             for name in _take_pictures(pictures, queue):
                 pictures[name](place / name)
                 done(name)
-            for reports in list(copies):
+            for reports in list(forks):
                 for name, messages in _drawn_by_copy(reports):
                     for message in messages:
                         warnings.warn(message, stacklevel=2)
                     done(name)
-                _end_copy(reports, copies.pop(reports))
+                _end_copy(reports, forks.pop(reports))
             for name in list(remaining):
                 pictures[name](place / name)
                 done(name)
 
         yield finish
     finally:
-        for reports, process in copies.items():
+        for reports, process in forks.items():
             _end_copy(reports, process)
         os.close(queue)
 
@@ -86,28 +84,27 @@ def _take_pictures(pictures: Mapping[str, Draw], queue: int) -> Iterator[str]:
 
 
 def _start_copy(
-    pictures: Mapping[str, Draw], place: Path, queue: int, copies: dict[int, int]
+    pictures: Mapping[str, Draw], place: Path, queue: int, forks: dict[int, int]
 ) -> None:
-    """Fork a copy that draws, and add it to `copies`; raise OSError if the system refuses."""
-    library, owner = ctypes.CDLL(None), os.getpid()
+    """Fork a copy that draws, and add it to `forks`; raise OSError if the system refuses.
+
+    Matplotlib opens its fonts again after a fork.
+    """
+    owner = os.getpid()
     reports, report_end = os.pipe()
     try:
-        process = _fork()
+        with copies.forking():
+            process = os.fork()
     except OSError:
         os.close(reports)
         os.close(report_end)
         raise
     if process:
         os.close(report_end)
-        copies[reports] = process
+        forks[reports] = process
         return
     try:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # for the owner, which ends its forks
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        if hasattr(signal, "SIGHUP"):
-            signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as above
-        library.prctl(DIE_WITH_PARENT, signal.SIGKILL)
-        for name in _take_pictures(pictures, queue) if os.getppid() == owner else ():
+        for name in _take_pictures(pictures, queue) if copies.follow_owner(owner) else ():
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("default")
                 pictures[name](place / name)
@@ -119,21 +116,11 @@ def _start_copy(
         os._exit(0)
 
 
-def _fork() -> int:
-    """Fork without Python's warning about threads: a copy only draws, and uses none of their locks.
-
-    Matplotlib opens its fonts again after a fork.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return os.fork()
-
-
 def _drawn_by_copy(reports: int) -> Iterator[tuple[str, list[str]]]:
     """Yield the names of pictures that a copy reports, each with its warnings, until it ends."""
     waiting, rest = select.poll(), b""
     waiting.register(reports)
-    while waiting.poll(1000 * PATIENCE) and (piece := os.read(reports, 2**16)):
+    while waiting.poll(1000 * copies.PATIENCE) and (piece := os.read(reports, 2**16)):
         *lines, rest = (rest + piece).split(b"\n")
         yield from map(json.loads, lines)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from drift.products.files import drawing
+from drift.products.files import copies, drawing
 from drift.products.files.drawing import Draw
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux forks")
@@ -58,7 +58,7 @@ def test_what_a_copy_does_not_finish_is_drawn_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str
 ) -> None:
     owner, before = os.getpid(), children()
-    monkeypatch.setattr(drawing, "PATIENCE", 0.3)
+    monkeypatch.setattr(copies, "PATIENCE", 0.3)
 
     def fatal(path: Path) -> None:
         by_whom(path)
@@ -114,7 +114,7 @@ def test_copies_end_with_what_failed_here(tmp_path: Path) -> None:
 OWNER = """
 import os, sys, time
 from pathlib import Path
-from drift.products.files import drawing
+from drift.products.files import copies, drawing
 def slow(path):
     path.write_text(str(os.getpid()))
     time.sleep(600)
