@@ -1,9 +1,8 @@
 """Taichi 1.7.4 through its internals: functions that are missing or slow in its public interface.
 
 This module contains everything that uses Taichi's internals. kernels.runtime.taichi_public has the
-same functions without them, for any other release; kernels.runtime.taichi_way chooses. Kernels with
-bound arguments rely on kernel_impl.Kernel.launch_kernel, views of columns on
-Program.get_ndarray_data_ptr_as_int.
+same functions without them, for any other release; kernels.runtime.taichi_way chooses. Launches
+rely on kernel_impl.Kernel.launch_kernel, views of columns on Program.get_ndarray_data_ptr_as_int.
 """
 
 import ctypes
@@ -85,6 +84,69 @@ def _quicken() -> None:
         once(kernel_impl.getsourcelines),
     )
     kernel_impl.textwrap = SimpleNamespace(fill=once(textwrap.fill), dedent=once(textwrap.dedent))
+    kernel_impl.Kernel.launch_kernel = _launch
+
+
+_launch_by_taichi = kernel_impl.Kernel.launch_kernel
+
+
+def _launch(kernel: Any, compiled: Any, *args: Any) -> Any:
+    """Launch a kernel with plain arguments at half of Taichi's cost; leave all others to Taichi.
+
+    Taichi's own launch makes functions that refer to themselves and to the arrays of packs: these
+    would lie in memory until Python looks for cycles.
+    """
+    context = compiled.make_launch_context()
+    place, packed = 0, list[Any]()
+    plain = kernel.return_type is None and not kernel.has_print
+    for argument, value in zip(kernel.arguments, args, strict=True):
+        kind = argument.annotation
+        if isinstance(kind, template):
+            continue
+        if isinstance(kind, ndarray_type.NdarrayType):
+            plain = plain and _set_array(context, place, kind, value)
+        elif isinstance(kind, ArgPackType):
+            context.set_arg_argpack((place,), value._ArgPack__argpack)
+            packed += _arrays_of_pack(kind, value)
+        elif isinstance(value, _accepted(kind)):
+            _set(context, place, kind, value)
+        else:
+            plain = False
+        if not plain:
+            return _launch_by_taichi(kernel, compiled, *args)
+        place += 1
+    # Taichi puts the arrays of packs after all other arguments.
+    for number, array in enumerate(packed, place):
+        context.set_arg_ndarray((number,), array)
+    program = impl.get_runtime().prog
+    code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
+    program.launch_kernel(code, context)
+    return None
+
+
+def _set_array(context: Any, place: int, kind: Any, value: Any) -> bool:
+    """Set an array of a launch, if it is one on the device or a plain one of NumPy's."""
+    if isinstance(value, ti.Ndarray):
+        context.set_arg_ndarray((place,), value.arr)
+        return value.grad is None
+    if id(kind.dtype) not in primitive_types.type_ids or not isinstance(value, np.ndarray):
+        return False
+    address = value.__array_interface__["data"][0]
+    context.set_arg_external_array_with_shape((place,), address, value.nbytes, value.shape, 0)
+    return value.flags.c_contiguous
+
+
+def _arrays_of_pack(kind: ArgPackType, value: Any) -> list[Any]:
+    """Return the device arrays of a pack."""
+    members = zip(kind.members.values(), value._members, strict=True)
+    return [own.arr for one, own in members if isinstance(one, ndarray_type.NdarrayType)]
+
+
+def _accepted(kind: Any) -> tuple[type, ...]:
+    """Return the types of numbers that Taichi takes for an argument that is one."""
+    if id(kind) in primitive_types.real_type_ids:
+        return float, int, np.floating, np.integer
+    return (int, np.integer) if id(kind) in primitive_types.integer_type_ids else ()
 
 
 class Column(ti.ScalarNdarray):
@@ -273,10 +335,7 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
         if isinstance(argument.annotation, ndarray_type.NdarrayType):
             arrays.append(((place,), value.arr))
         elif isinstance(argument.annotation, ArgPackType):
-            members = zip(argument.annotation.members.values(), value._members, strict=True)
-            packed += [
-                own.arr for kind, own in members if isinstance(kind, ndarray_type.NdarrayType)
-            ]
+            packed += _arrays_of_pack(argument.annotation, value)
     # Taichi puts the arrays of packs after all other arguments.
     arrays += [((len(real) + k,), array) for k, array in enumerate(packed)]
     slots = [(next(k for k, (a, _) in enumerate(real) if a.name == name),) for name in changing]

@@ -1,6 +1,7 @@
 """Commands that run or score a case: run, plan, origin, compare, budget, verify, score and more."""
 
 import argparse
+import gc
 import sys
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -219,6 +220,24 @@ def check(args: argparse.Namespace) -> Answer:
 
 
 @contextmanager
+def _not_collected() -> Iterator[None]:
+    """Keep Python's search for cycles away from what is imported: it would go through it time and
+    again, for a second in all.
+
+    Only the first time in a process: what is garbage then stays.
+    """
+    if gc.get_freeze_count():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+@contextmanager
 def _prepared_run(
     args: argparse.Namespace, kind: str, along: Collection[str] = ()
 ) -> Iterator[tuple[Any, Path, dict[str, Any]]]:
@@ -226,7 +245,7 @@ def _prepared_run(
 
     along: quantities that the case needs no sources for.
     """
-    with interrupt.exit_on_signal():
+    with interrupt.exit_on_signal(), _not_collected():
         case = take.load_case(args.case, args.changes, args.seed, along=along)
         out = args.out or Path(f"{case.path.stem}-{kind}")
         if args.threads is not None and args.threads < 1:
