@@ -4,6 +4,7 @@ Memory holds one snapshot or a part of it, however many there are.
 """
 
 import contextlib
+import errno
 import itertools
 import os
 import tempfile
@@ -152,7 +153,10 @@ class ShardFile:
         if isinstance(self.file, Path):
             with self.file.open("rb") as file:
                 file.seek(begin)
-                return file.read(size)
+                data = file.read(size)
+            if len(data) < size:
+                raise OSError(errno.EIO, "truncated", str(self.file))
+            return data
         self.file.seek(begin)
         return self.file.read(size)
 
@@ -408,10 +412,9 @@ class SnapshotStore(Sequence[Snapshot]):
         """All snapshots, to be read part by part."""
         return [AtTime(self, at) for at in range(len(self))]
 
-    @property
-    def shards(self) -> int:
-        """Number of shards."""
-        return len(self._stretches[-1])
+    def shards(self, at: int) -> int:
+        """Return the number of shards of snapshot `at`; it may change with resampling."""
+        return len(self._moments[at][0])
 
     def some(self, at: int, first: int, last: int) -> "AtTime":
         """Return snapshot `at` of the shards first <= shard < last, for another process.

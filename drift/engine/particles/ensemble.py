@@ -78,6 +78,10 @@ class Layout:
     block: tuple[int, ...]
     _batches: dict[tuple[int, ...], Batch] = field(default_factory=dict, repr=False, compare=False)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process needs: `_batches` holds arrays of this process's device."""
+        return {"bounds": self.bounds, "numbers": self.numbers, "block": self.block, "_batches": {}}
+
     @cached_property
     def blocks(self) -> Blocks:
         """The blocks in which sums over particles are computed."""

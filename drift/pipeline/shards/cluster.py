@@ -25,6 +25,7 @@ from drift.engine.particles.snapshot import Question
 from drift.pipeline.shards import fingerprint, worker
 from drift.pipeline.shards.divide import Begun, Workers
 from drift.pipeline.shards.work import Task, Work
+from drift.products.files import interrupt
 from geo.errors import UserError
 
 PATIENCE = 20  # [s] to wait for a cluster to answer
@@ -60,19 +61,22 @@ def connect_to_cluster(workers: int | None, address: str | None) -> Iterator[Any
         ]:
             log = logging.getLogger(name)  # our one-line errors replace dask's log
             stack.callback(log.setLevel, log.level)
-            log.setLevel(logging.CRITICAL)
+            log.setLevel(logging.CRITICAL + 1)
         if workers is not None:
-            address = distributed.LocalCluster(
-                n_workers=workers,
-                local_directory=stack.enter_context(
-                    tempfile.TemporaryDirectory(prefix="drift-", ignore_cleanup_errors=True)
-                ),
-                threads_per_worker=1,
-                memory_limit=0,
-                dashboard_address="127.0.0.1:0",
-                silence_logs=50,
+            place = stack.enter_context(
+                tempfile.TemporaryDirectory(prefix="drift-", ignore_cleanup_errors=True)
             )
-            stack.callback(_close_cluster, address)
+            # this process ends its workers, once they have started
+            with interrupt.signals_deferred(), interrupt.blocked_in_children():
+                address = distributed.LocalCluster(
+                    n_workers=workers,
+                    local_directory=place,
+                    threads_per_worker=1,
+                    memory_limit=0,
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=50,
+                )
+                stack.callback(_close_cluster, address)
         try:
             if workers is None and not str(address).startswith("ucx"):
                 # a client of an invalid address takes a minute to close
@@ -168,6 +172,10 @@ def check(client: Any, folder: Path | None = None) -> None:
         _call_on_workers(client, worker.about, str(folder.absolute()) if folder else "").items()
     ):
         if other.pop("folder") != "True":
+            if folder is not None and not folder.is_dir():
+                raise UserError(
+                    f"{folder}: deleted while the run needs it; the same command starts the run again"
+                )
             raise UserError(
                 f"worker {address} does not see {folder}: name a folder with --out that all machines of the cluster share"
             )
@@ -283,34 +291,63 @@ def _answers(
     _wait_for_worker(client, f"the cluster has no workers; {stored()}")
     addresses = sorted(client.nthreads())
     store = outputs[0].spool
-    cuts = min(math.ceil(len(addresses) / len(outputs)), store.shards)  # at least a task a worker
-    edges = np.linspace(0, store.shards, cuts + 1).astype(int).tolist()
-    ranges = list(itertools.pairwise(edges))
+    most = math.ceil(len(addresses) / len(outputs))  # at least a task a worker
+    # by output and number: a range of its shards
+    ranges = {
+        (k, number): span
+        for k, output in enumerate(outputs)
+        for number, span in enumerate(_ranges(store.shards(output.at), most))
+    }
+    # the same worker each time, whose memory holds what it has read
+    preferred = {
+        (k, number): addresses[(outputs[k].at * most + number) % len(addresses)]
+        for k, number in ranges
+    }
 
-    def submit(output: AtTime, number: int, question: Question) -> Any:
-        # the same worker each time, whose memory holds what it has read
-        own = addresses[(output.at * cuts + number) % len(addresses)]
+    def submit(part: tuple[int, int], own: str | None) -> Any:
+        k = part[0]
         return client.submit(
             worker.answer,
             dict(mark),
-            store.some(output.at, *ranges[number]),
-            question,
+            store.some(outputs[k].at, *ranges[part]),
+            questions[k],
             pure=False,
             retries=0,
-            workers=[own],
-            allow_other_workers=True,
+            workers=own,
+            allow_other_workers=own is not None,
         )
 
-    tasks = [
-        [submit(output, number, question) for number in range(cuts)]
-        for output, question in zip(outputs, questions, strict=True)
-    ]
+    tasks = {part: submit(part, own) for part, own in preferred.items()}
+
+    def current(part: tuple[int, int]) -> Any:
+        """Return the task of a part; tasks whose worker is lost are submitted again.
+
+        If all workers were lost at once, dask would assign such a task to no new one (distributed
+        2026.8: Scheduler.bulk_schedule_unrunnable_after_adding_worker).
+        """
+        there = client.nthreads()
+        for lost in [other for other, own in preferred.items() if own not in there]:
+            del preferred[lost]
+            if lost in tasks and not tasks[lost].done():
+                client.cancel(tasks[lost])
+                tasks[lost] = submit(lost, None)
+        return tasks[part]
+
     try:
-        while tasks:
-            yield [_result_of(client, task, stored) for task in tasks.pop(0)]
+        for k in range(len(outputs)):
+            own = [part for part in ranges if part[0] == k]
+            yield [_result_of(client, tasks[part], stored, partial(current, part)) for part in own]
+            for part in own:
+                del tasks[part]  # its answer can leave the worker
     finally:
         with contextlib.suppress(Exception):  # the scheduler may be lost
-            client.cancel([task for own in tasks for task in own])
+            client.cancel([*tasks.values()])
+
+
+def _ranges(shards: int, most: int) -> list[tuple[int, int]]:
+    """Return up to `most` ranges [first, last) of shards."""
+    edges = np.linspace(0, shards, min(most, shards) + 1).astype(int).tolist()
+    return list(itertools.pairwise(edges))
 
 
 def release(client: Any) -> None:
@@ -364,17 +401,30 @@ def _finished_tasks(
             client.cancel(tasks)
 
 
-def _result_of(client: Any, task: Any, kept: Callable[[], str]) -> Any:
+def _result_of(
+    client: Any, task: Any, kept: Callable[[], str], current: Callable[[], Any] | None = None
+) -> Any:
     """Return the result of a finished task, or raise its exception.
 
     If its worker is lost before the transfer, another worker repeats the task.
+
+    Args:
+        client: the client of the cluster.
+        task: the task.
+        kept: a message on what is stored of the run.
+        current: asked from time to time while the task is waited for; returns the task that has
+            replaced it, or the task itself. None: nothing replaces it.
     """
-    fetched = asyncio.run_coroutine_threadsafe(
-        client.gather(task, asynchronous=True), client.loop.asyncio_loop
-    )
-    while not wait([fetched], timeout=LOOK).done:
-        _wait_for_worker(client, f"the cluster has lost all of its workers; {kept()}")
-    return fetched.result()
+    while True:
+        fetched = asyncio.run_coroutine_threadsafe(
+            client.gather(task, asynchronous=True), client.loop.asyncio_loop
+        )
+        before = task
+        while task is before and not wait([fetched], timeout=LOOK).done:
+            _wait_for_worker(client, f"the cluster has lost all of its workers; {kept()}")
+            task = current() if current is not None else task
+        if task is before:
+            return fetched.result()
 
 
 def _wait_for_worker(client: Any, otherwise: str) -> None:

@@ -90,7 +90,22 @@ def open_shelf(
         room = shutil.disk_usage(folder).free
         _check_space(folder, need, have, room)
         _create_forcing_folder(folder / FORCING, slices, room + have - need)
-        yield work
+        with _lost_files_as_user_errors(work):
+            yield work
+
+
+@contextlib.contextmanager
+def _lost_files_as_user_errors(work: Work) -> Iterator[None]:
+    """Turn an error of a file in the store, here or on a worker, into a UserError."""
+    try:
+        yield
+    except OSError as error:
+        path = Path(str(error.filename)).absolute()
+        if error.filename is None or work.folder.absolute() not in path.parents:
+            raise
+        raise UserError(
+            f"{path}: {error.strerror}; do not delete or change files of this folder before the results are complete; {work.kept}"
+        ) from error
 
 
 def check_room(out: Path | None, need: int) -> None:

@@ -155,6 +155,8 @@ class Work:
     def kept(self) -> str:
         """A message on how many shards are stored."""
         many = len(list(self.folder.glob(INDICES)))
+        if not many:
+            return "no shard is finished and kept there: the same command starts again"
         return f"{many:,} shards are finished and kept there: the same command resumes from them"
 
     def begin_anew(self) -> None:
@@ -162,7 +164,7 @@ class Work:
         self.sound.clear()
         for kind in KINDS_OF_FILES:
             for path in self.folder.glob(f"{kind}-*"):
-                path.unlink()
+                path.unlink(missing_ok=True)  # a worker may be deleting what it did not finish
 
     def drop(self) -> None:
         """Delete the whole store of a run that cannot succeed."""
@@ -171,11 +173,8 @@ class Work:
         (self.folder / ABOUT).unlink(missing_ok=True)
 
     def finished(self, name: str, of: str = "") -> bool:
-        """Return whether a file is stored, without checking its digest; `of` as in `reel`."""
-        try:
-            return bool(json.loads(self._index(name).read_text(encoding="utf-8"))["of"] == of)
-        except (OSError, ValueError, KeyError, TypeError):
-            return False
+        """Return whether a valid file is stored; `of` as in `reel`."""
+        return self._read_valid(name, of) is not None
 
     def _data(self, name: str) -> Path:
         return self.folder / f"{name}.bin"

@@ -102,6 +102,26 @@ def exit_on_signal() -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def blocked_in_children() -> Iterator[None]:
+    """Block Ctrl-C and hang-ups in processes and threads that are started within the context.
+
+    Threads pass this on to the processes that they start later. Earlier threads of this process
+    still take the signals: see `signals_deferred`. Windows has no such mask.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker  # imported late: few commands start processes
+
+    resource_tracker.ensure_running()  # to start it within the context would unblock Ctrl-C
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
 def signals_deferred() -> Iterator[None]:
     """Defer Ctrl-C and termination requests until the block is done."""
     if threading.current_thread() is not threading.main_thread():

@@ -6,6 +6,9 @@ Ctrl-C, a request to end, and a terminal that goes, unless the run is to outlive
 import contextlib
 import os
 import signal
+import subprocess
+import sys
+import threading
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -51,3 +54,25 @@ def test_a_run_that_is_to_outlive_its_terminal_does() -> None:
             os.kill(os.getpid(), signal.SIGHUP)
         interrupt.raise_if_interrupted()
     assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+
+
+def test_children_leave_ctrl_c_to_this_process() -> None:
+    """Also those that a thread of the context starts later; this process is as it was."""
+    words = "import signal; print(*sorted(signal.pthread_sigmask(signal.SIG_BLOCK, [])))"
+    go, found = threading.Event(), list[str]()
+
+    def start() -> None:
+        go.wait(60)
+        found.append(
+            subprocess.run([sys.executable, "-c", words], capture_output=True, text=True).stdout
+        )
+
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    later = threading.Thread(target=start)
+    with interrupt.blocked_in_children():
+        later.start()
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
+    go.set()
+    later.join()
+    blocked = sorted({*before, signal.SIGINT, signal.SIGHUP})
+    assert found == [f"{' '.join(str(int(number)) for number in blocked)}\n"]
