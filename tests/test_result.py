@@ -136,13 +136,15 @@ def test_areas_are_shapes_of_their_size(ran: tuple[drift.Result, Path]) -> None:
 
 @pytest.mark.thorough
 def test_the_map_is_map_png(ran: tuple[drift.Result, Path]) -> None:
-    """Pixel for pixel, and another output time is another map."""
+    """Pixel for pixel but for the transparency, and another output time is another map."""
     result, folder = ran
     drawn = BytesIO()
     figure = result.plot()
     figure.savefig(drawn, format="png", dpi=140)
     same = matplotlib.image.imread(folder / "map.png")
-    np.testing.assert_array_equal(matplotlib.image.imread(BytesIO(drawn.getvalue())), same)
+    whole = matplotlib.image.imread(BytesIO(drawn.getvalue()))
+    np.testing.assert_array_equal(whole[..., :3], same)
+    assert np.all(whole[..., 3] == 1)
     early = BytesIO()
     result.plot("2015-11-16T09:00:00Z").savefig(early, format="png", dpi=140)
     assert early.getvalue() != drawn.getvalue()

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from scipy import ndimage
 
-from geo import notation, polyline, sphere
+from geo import notation, sphere
 from geo.array import Array
 from geo.notation import NMI
 
@@ -29,10 +29,26 @@ def coast_lines_by_share(at: Any, shares: Sequence[float]) -> dict[float, shapel
     The lines are in degrees, unwrapped. at: a forecast's data (drift.forecast.products.dataset) at
     one time. shares: ascending; those without coast are left out.
     """
+    which = _smallest_areas(at, shares)
+    lon, lat = at["lon"].values, at["lat"].values
+    return {share: _lines(which, shares.index(share), lon, lat) for share in _found(which, shares)}
+
+
+def shares_on_coast(at: Any, shares: Sequence[float]) -> list[float]:
+    """Return the shares of `coast_lines_by_share`."""
+    return _found(_smallest_areas(at, shares), shares)
+
+
+def _smallest_areas(at: Any, shares: Sequence[float]) -> Array:
+    """Return for each cell of the coast the index of the smallest area that contains it, and
+    len(shares) for all others, (nlat, nlon).
+    """
     held = np.nan_to_num(at["containment"].values, nan=np.inf)
-    which = np.where(_on_coast(at), np.searchsorted(shares, held), len(shares))
-    found = np.unique(which[which < len(shares)]).tolist()
-    return {shares[k]: _lines(which, k, at["lon"].values, at["lat"].values) for k in found}
+    return np.where(_on_coast(at), np.searchsorted(shares, held), len(shares))
+
+
+def _found(which: Array, shares: Sequence[float]) -> list[float]:
+    return [shares[k] for k in np.unique(which[which < len(shares)])]
 
 
 def coast_length(at: Any, share: float) -> float:
@@ -46,10 +62,10 @@ def coast_length(at: Any, share: float) -> float:
         return 0.0
     cell = max(float(np.abs(np.diff(at[name].values[:2])).item()) for name in ("lon", "lat"))
     smooth = shapely.simplify(shapely.line_merge(lines), cell)
-    return math.fsum(
-        polyline.great_circle_length(shapely.get_coordinates(line))
-        for line in shapely.get_parts(smooth)
-    )
+    points, part = shapely.get_coordinates(shapely.get_parts(smooth), return_index=True)
+    x, y = np.radians(points).T
+    steps = sphere.distance(x[:-1], y[:-1], x[1:], y[1:])
+    return math.fsum(steps[part[:-1] == part[1:]])
 
 
 def mostly_on_coast(at: Any, share: float) -> bool:

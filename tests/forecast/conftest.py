@@ -1,19 +1,20 @@
 """What the tests of forecasts share: the texts on figures that are saved."""
 
 import pytest
-from matplotlib.figure import Figure
 from matplotlib.text import Text
+
+from drift.products.maps import page
 
 
 @pytest.fixture
 def words(monkeypatch):
     """Collect every text that is on a figure when it is saved."""
     found = []
-    save = Figure.savefig
+    save = page.save
 
-    def listen(self, *args, **kwargs):
-        found.extend(text.get_text() for text in self.findobj(Text) if text.get_text())
-        return save(self, *args, **kwargs)
+    def listen(canvas, *args, **kwargs):
+        found.extend(text.get_text() for text in canvas.figure.findobj(Text) if text.get_text())
+        save(canvas, *args, **kwargs)
 
-    monkeypatch.setattr(Figure, "savefig", listen)
+    monkeypatch.setattr(page, "save", listen)
     return found

@@ -139,7 +139,8 @@ def test_the_report_tells_each_area_of_the_coast_at_its_times():
         ],
         "time",
     )
-    (leaf,) = report._on_coast(SimpleNamespace(data=data, shares=SHARES))
+    outputs = [data.isel(time=k) for k in range(2)]
+    (leaf,) = report._on_coast(SimpleNamespace(data=data, shares=SHARES), outputs)
     told = [(one["properties"]["time"], one["properties"]["level"]) for one in leaf["features"]]
     assert told == [
         (f"2026-11-{day}T00:00:00Z", share)
@@ -161,6 +162,9 @@ def test_the_length_of_coast_is_that_of_its_cells_and_a_slanting_one_is_no_longe
     expected = geod.inv(10.04, 40.03, 10.34, 40.03)[2]
     assert coastal.coast_length(at(cells=east), 0.5) == pytest.approx(expected, rel=1e-3)
     assert coastal.coast_length(at(cells=np.zeros((3, 3), int)), 0.5) == 0
+    east[3, 8:11] = 0  # 5 and 6 steps: the water between them is no coast
+    parts = sum(geod.inv(x, 40.03, y, 40.03)[2] for x, y in ((10.04, 10.14), (10.22, 10.34)))
+    assert coastal.coast_length(at(cells=east), 0.5) == pytest.approx(parts, rel=1e-3)
     slanting = np.zeros((20, 20), int)
     for k in range(18):  # a staircase from corner to corner
         slanting[k, k : k + 2] = 1

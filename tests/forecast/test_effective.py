@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import searches
 import xarray as xr
-from matplotlib.figure import Figure
 from weighted_snapshots import snapshot
 
 import drift
@@ -25,6 +24,7 @@ from drift.forecast.products import tables
 from drift.planning.search.products import files as plan_files
 from drift.planning.search.products import map as plan_map
 from drift.planning.search.products import text as plan_text
+from drift.products.maps import page
 from drift.products.maps.imprint import Imprint, Setting
 from geo import sphere
 
@@ -121,7 +121,7 @@ def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
 
 def test_banners_keep_clear_of_all_other_words(tmp_path, forecast, monkeypatch):
     seen = []
-    monkeypatch.setattr(Figure, "savefig", lambda self, *args, **kwargs: seen.append(self))
+    monkeypatch.setattr(page, "save", lambda canvas, *args, **kwargs: seen.append(canvas.figure))
     long, short = "A long title of a case, as they are given, " * 2, "Short"
     forecast_map.draw_map(
         forecast, tmp_path / "map.png", Setting(Imprint(long, caution=WRONG), particles=N)

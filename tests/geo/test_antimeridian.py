@@ -37,8 +37,23 @@ def test_a_ring_with_a_hole_across_the_line(turn: int) -> None:
 def test_a_line_that_goes_round_is_cut_at_every_crossing() -> None:
     """A line once and a half round: its parts are as long in latitude as the whole, in its order."""
     line = shapely.LineString([(-200.0, -7.0), (80.0, 1.0), (370.0, 4.0)])
-    parts = antimeridian.cut_line(line)
+    parts = antimeridian.cut_lines([line])
     assert [part.bounds[::2] for part in parts] == [(160, 180), (-180, 180), (-180, 10)]
     rise = [part.coords[-1][1] - part.coords[0][1] for part in parts]
     assert sum(rise) == pytest.approx(11.0)
     assert parts[1].coords[0][1] == pytest.approx(-7 + 8 * 20 / 280)
+
+
+def test_lines_cut_together_are_those_cut_alone() -> None:
+    """In the order of the lines, and of their ways within each; empty ones leave nothing."""
+    lines = [
+        shapely.LineString([(170.0, 3.0), (200.0, 5.0), (171.0, 8.0)]),
+        shapely.LineString(),
+        shapely.LineString([(12.0, -3.0), (15.5, -2.0)]),
+        shapely.LineString([(-190.0, 1.0), (-165.0, 2.0)]),
+    ]
+    alone = [part for line in lines for part in antimeridian.cut_lines([line])]
+    together = antimeridian.cut_lines(lines)
+    assert [part.wkt for part in together] == [part.wkt for part in alone]
+    assert len(together) == 3 + 0 + 1 + 2
+    assert len(antimeridian.cut_lines([])) == 0

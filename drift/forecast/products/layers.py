@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, ListedColormap, to_hex, to_rgb
+from matplotlib.image import PcolorImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
@@ -227,15 +228,14 @@ def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) 
     r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
     c = slice(columns[0], columns[-1] + 1) if len(columns) else slice(0, 1)
     x, y = frame.net(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1])
-    return ax.pcolormesh(
-        x,
-        y,
-        np.ma.masked_invalid(values[r, c]),
-        cmap=shading(),
-        norm=norm,
-        zorder=1,
-        rasterized=True,
-    )
+    style: dict[str, Any] = {"cmap": shading(), "norm": norm, "zorder": 1}
+    shown = np.ma.masked_invalid(values[r, c])
+    if not frame.is_mercator:
+        return ax.pcolormesh(x, y, shown, rasterized=True, **style)
+    image = PcolorImage(ax, x[0], y[:, 0], shown, **style)
+    image.set_clip_path(ax.patch)
+    ax.add_image(image)
+    return image
 
 
 def rings_to_draw(polygon: shapely.MultiPolygon) -> list[Array]:
@@ -406,7 +406,7 @@ def bands(
         {
             share
             for time in times
-            for share in coastal.coast_lines_by_share(forecast.data.isel(time=time), shares)
+            for share in coastal.shares_on_coast(forecast.data.isel(time=time), shares)
         }
     )
     if not found:

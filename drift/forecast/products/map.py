@@ -222,15 +222,9 @@ def draw_snapshots(
             else []
         )
         mesh = small_map(ax, frame, forecast, i, top, land, setting, overlays, notes)
-        ax.set_title(
-            notation.format_dtg(at["time"].values[()]),
-            fontsize=9,
-            weight="bold",
-            loc="left",
-            pad=3,
-            color=INK,
-        )
-        ax.set_title(sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
+        when = notation.format_dtg(at["time"].values[()])
+        chart.title(ax, when, "left", 9, weight="bold", pad=3)
+        chart.title(ax, sizes(at, waiting), "right", 7, pad=3)
         chart.graticule(ax, frame, lines=3, size=7, labels=(k + columns >= len(picks), column == 0))
         if k == 0:
             chart.scale_bar(

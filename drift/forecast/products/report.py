@@ -2,6 +2,7 @@
 shares.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,8 @@ def forecast_leaves(
         by_story = data["probability_by_scenario"]
         names = [str(name) for name in data.get("mapped_scenario", data["scenario"]).values]
         stories |= {name: by_story.values[:, k] for k, name in enumerate(names)}
-    tops = [layers.scale_top(data.isel(time=k)) / 100 / NMI**2 for k in range(data.sizes["time"])]
+    outputs = [data.isel(time=k) for k in range(data.sizes["time"])]
+    tops = [layers.scale_top(at) / 100 / NMI**2 for at in outputs]
     lon = sphere.to_degrees(tracks.lon)
     return [
         leaves.headline_leaf(headline.forecast_headline(data, opens)),
@@ -69,7 +71,7 @@ def forecast_leaves(
                 ("first_time", "By", "time"),
             ],
         ),
-        *_on_coast(forecast),
+        *_on_coast(forecast, outputs),
         leaves.sample_leaf(
             "Tracks of a sample",
             tracks.time,
@@ -99,9 +101,8 @@ def _mostly_ashore(data: Any) -> list[bool]:
     return [bool(one) for one in more.values]
 
 
-def _on_coast(forecast: Forecast) -> list[Leaf]:
+def _on_coast(forecast: Forecast, outputs: Sequence[Any]) -> list[Leaf]:
     """Return the coast inside each area by time, where outlines disappear under the shoreline."""
-    data = forecast.data
     drawn = [
         geojson.feature(
             geojson.lines([lines]),
@@ -111,7 +112,7 @@ def _on_coast(forecast: Forecast) -> list[Leaf]:
                 "coast_nmi": coastal.coast_length(at, share) / NMI,
             },
         )
-        for at in (data.isel(time=k) for k in range(data.sizes["time"]))
+        for at in outputs
         for share, lines in sorted(
             coastal.coast_lines_by_share(at, forecast.shares).items(), reverse=True
         )
@@ -121,7 +122,7 @@ def _on_coast(forecast: Forecast) -> list[Leaf]:
         ("coast_nmi", "Its length, about, nmi", "number"),
     ]
     # A spill reports stretches of coast instead.
-    shown = "effective_worlds" not in data
+    shown = "effective_worlds" not in forecast.data
     return (
         [
             leaves.features_leaf(

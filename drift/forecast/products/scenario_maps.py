@@ -133,15 +133,13 @@ def _scenario_setting(setting: Setting, story: OneScenario) -> Setting:
 def _titles(ax: Any, story: OneScenario, name: str, whole: bool) -> None:
     """Write a scenario's name, its prior and posterior probability and its areas above its map."""
     at = story.forecast.data.isel(time=0)
-    ax.set_title(name, fontsize=9, weight="bold", loc="left", pad=14, color=INK)
+    chart.title(ax, name, "left", 9, weight="bold", pad=14)
     small: dict[str, Any] = {"fontsize": 7, "color": INK, "transform": ax.transAxes}
     ax.text(
         1, 1.015, forecast_map.sizes(at, "") if story.now > 0 else "ruled out", ha="right", **small
     )
     if not whole:
-        ax.set_title(
-            notation.percent(story.now), fontsize=9, weight="bold", loc="right", pad=14, color=INK
-        )
+        chart.title(ax, notation.percent(story.now), "right", 9, weight="bold", pad=14)
         ax.text(0, 1.015, f"{notation.percent(story.before)} at first", **small)
 
 

@@ -7,6 +7,7 @@ depend on whether forks succeed.
 """
 
 import contextlib
+import gc
 import json
 import os
 import select
@@ -104,6 +105,7 @@ def _start_copy(
         forks[reports] = process
         return
     try:
+        gc.freeze()  # a search for cycles would go through all results, and copy their memory
         for name in _take_pictures(pictures, queue) if copies.follow_owner(owner) else ():
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("default")

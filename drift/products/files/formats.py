@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import io
+import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -49,6 +50,14 @@ def plain(value: Any) -> Any:
     if isinstance(value, Iterable):
         return [plain(v) for v in value]
     return str(value)
+
+
+def json_text(value: Any, **style: Any) -> str:
+    """Return a value as JSON, as `plain` makes it; style: arguments of `json.dumps`."""
+    try:  # most values are plain, and need no copy
+        return json.dumps(value, default=plain, allow_nan=False, **style)
+    except (TypeError, ValueError):  # a key that is no text, or a NaN
+        return json.dumps(plain(value), allow_nan=False, **style)
 
 
 def run_id(attributes: Mapping[str, Any]) -> str:

@@ -1,5 +1,6 @@
 """GeoJSON (RFC 7946) of shapes with unwrapped longitudes [deg], split at the antimeridian."""
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import shapely
 
 from geo import antimeridian, sphere
+from geo.array import Array
 
 DIGITS = 7  # decimals of a degree: 1 cm
 
@@ -17,7 +19,7 @@ def polygons(shape: shapely.MultiPolygon) -> dict[str, Any]:
     Its coordinates are empty if nothing remains.
     """
     coordinates = [
-        [_rounded(ring) for ring in (part.exterior, *part.interiors)]
+        _rounded([part.exterior, *part.interiors])
         for part in antimeridian.cut_polygons(shape).geoms
     ]
     return {"type": "MultiPolygon", "coordinates": coordinates}
@@ -26,8 +28,7 @@ def polygons(shape: shapely.MultiPolygon) -> dict[str, Any]:
 def lines(shapes: Iterable[Any]) -> dict[str, Any]:
     """Return lines (Shapely, [deg]) as a MultiLineString; each step takes the shorter way round."""
     parts = [_unwrapped(part) for shape in shapes for part in shapely.get_parts(shape)]
-    pieces = [piece for part in parts for piece in antimeridian.cut_line(part)]
-    return {"type": "MultiLineString", "coordinates": [_rounded(piece) for piece in pieces]}
+    return {"type": "MultiLineString", "coordinates": _rounded(antimeridian.cut_lines(parts))}
 
 
 def point(lon: float, lat: float) -> dict[str, Any]:
@@ -40,14 +41,19 @@ def point(lon: float, lat: float) -> dict[str, Any]:
 
 def _unwrapped(line: Any) -> Any:
     """Return a line with unwrapped longitudes."""
+    west, _, east, _ = line.bounds
+    if east - west <= 180:  # no step can be longer
+        return line
     return shapely.transform(
         line, lambda xy: np.column_stack([np.unwrap(xy[:, 0], period=360), xy[:, 1]])
     )
 
 
-def _rounded(line: Any) -> list[list[float]]:
-    coordinates: list[list[float]] = np.round(line.coords, DIGITS).tolist()
-    return coordinates
+def _rounded(lines: Sequence[Any] | Array) -> list[list[list[float]]]:
+    """Return the rounded coordinates of lines or rings."""
+    points = np.round(shapely.get_coordinates(lines), DIGITS).tolist()
+    ends = np.cumsum(shapely.get_num_coordinates(lines)).tolist()
+    return [points[begin:end] for begin, end in itertools.pairwise([0, *ends])]
 
 
 def feature(

@@ -5,7 +5,7 @@ numbers come in chapters. summary.json holds their numbers, manifest.json lists 
 depend on the chapters alone; the creation date is only in attributes.
 """
 
-import json
+import contextlib
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK, NetCDF4DataStore
 
 from drift.products.files import chapter, discovery, drawing, formats, manifest, publication
 from drift.products.files.chapter import Contents, OutputBundle, Stamped
@@ -185,12 +186,15 @@ def _write_dataset(data: xr.Dataset, path: Path) -> None:
     try:
         # an exception in between leaves HDF5's lock taken, and closing the file waits for ever
         with signals_deferred():
-            data.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding)
+            # to_netcdf would first import dask.distributed, which takes half a second
+            store = NetCDF4DataStore.open(  # type: ignore[no-untyped-call]
+                str(path), mode="w", lock=NETCDF4_PYTHON_LOCK
+            )
+            with contextlib.closing(store):
+                data.dump_to_store(store, encoding=encoding)
     except RuntimeError as error:  # netCDF4 raises this if HDF5 cannot write
         raise OSError(f"{path.name}: {error}") from error
 
 
 def _write_json(value: Any, path: Path, indent: int | None) -> None:
-    path.write_text(
-        json.dumps(formats.plain(value), indent=indent, allow_nan=False) + "\n", encoding="utf-8"
-    )
+    path.write_text(formats.json_text(value, indent=indent) + "\n", encoding="utf-8")

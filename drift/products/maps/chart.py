@@ -6,18 +6,19 @@ centred on the pole, and no north arrow is drawn. Neither has a seam at the anti
 plain Matplotlib axes in projected metres.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import cartopy.crs as ccrs
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Outline
-from matplotlib.transforms import Bbox
+from matplotlib.transforms import Bbox, ScaledTranslation
 
 from geo import sphere
 from geo.array import Array
@@ -25,6 +26,7 @@ from geo.box import Box
 from geo.notation import NMI
 
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
+TICK = 4.0  # length of a tick [typographic points]
 GREY, RED = "#55606b", "#c62828"  # colours of secondary text and of warnings
 POLAR = 88.0  # [deg] latitude above which a chart is centred on the pole
 # [arc minutes] allowed steps of the graticule
@@ -75,11 +77,15 @@ class Frame:
         xyz = self.crs.transform_points(DEGREES, lon.ravel(), lat.ravel())
         return xyz[:, 0].reshape(lon.shape), xyz[:, 1].reshape(lon.shape)
 
+    @property
+    def is_mercator(self) -> bool:
+        """Whether each meridian has one x, and each parallel one y."""
+        return isinstance(self.crs, ccrs.Mercator)
+
     def net(self, lon: Array, lat: Array) -> tuple[Array, Array]:
         """Return (x, y) [m] where meridians (n,) cross parallels (m,) [deg], each (m, n)."""
-        if not isinstance(self.crs, ccrs.Mercator):
+        if not self.is_mercator:
             return self.project(*np.meshgrid(lon, lat))
-        # In Mercator each meridian has one x, and each parallel one y.
         x, y = np.meshgrid(self.project(lon, 0.0)[0], self.project(self.centre[0], lat)[1])
         return x, y
 
@@ -157,6 +163,14 @@ def prepare(ax: Axes, frame: Frame) -> None:
     ax.set_facecolor(SEA)
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=1.0, zorder=20)
+
+
+def title(ax: Axes, text: str, side: Literal["left", "right"], size: float, **style: Any) -> None:
+    """Write a title above a chart, on its left or right side.
+
+    Given `y`, Matplotlib does not measure the labels of all ticks to keep the title clear of them.
+    """
+    ax.set_title(text, fontsize=size, loc=side, y=1.0, color=INK, **style)
 
 
 def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline | None:
@@ -256,20 +270,50 @@ def graticule(
     ax.add_collection(
         LineCollection(segments, colors=INK, linewidths=0.4, alpha=0.35, zorder=4), autolim=False
     )
-    for axis, labelled, shown in zip((ax.xaxis, ax.yaxis), ticks, labels, strict=True):
-        low, high = frame.x if axis is ax.xaxis else frame.y
+    for is_lon, labelled, shown in zip((True, False), ticks, labels, strict=True):
+        _draw_ticks(ax, is_lon, [at for at, _ in labelled])
+        low, high = frame.x if is_lon else frame.y
         # keep clear of the labels of a neighbouring chart, and of the corner
         inset = (0.1 if lines <= 3 else 0.02) * (high - low)
-        clear = [low + inset <= at <= high - inset for at, _ in labelled]
-        axis.set_ticks(
-            [at for at, _ in labelled],
-            labels=[
-                text if shown and ok else "" for (_, text), ok in zip(labelled, clear, strict=True)
-            ],
-        )
-        axis.set_tick_params(labelsize=size, length=4, color=INK, labelcolor=INK)
-    for text in ax.get_yticklabels():
-        text.set(rotation=90, va="center")
+        for at, text in labelled:
+            if shown and low + inset <= at <= high - inset:
+                _label_tick(ax, is_lon, at, text, size)
+
+
+def _draw_ticks(ax: Axes, is_lon: bool, places: Sequence[float]) -> None:
+    """Draw ticks on the lower edge, or on the left one.
+
+    Matplotlib's own axes make five objects a tick, and measure each time they are drawn.
+    """
+    (ax.xaxis if is_lon else ax.yaxis).set_visible(False)
+    edge = [0.0] * len(places)
+    ax.plot(
+        *((places, edge) if is_lon else (edge, places)),
+        transform=ax.get_xaxis_transform() if is_lon else ax.get_yaxis_transform(),
+        linestyle="none",
+        marker=TICKDOWN if is_lon else TICKLEFT,
+        markersize=TICK,
+        markeredgewidth=0.8,
+        color=INK,
+        clip_on=False,
+        scalex=False,
+        scaley=False,
+    )
+
+
+def _label_tick(ax: Axes, is_lon: bool, place: float, text: str, size: float) -> None:
+    """Write the label of a tick: below it, or on its left and upright."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    pad = -(TICK + 3.5) / 72  # [in]
+    x, y = (0.0, pad) if is_lon else (pad, 0.0)
+    away = ScaledTranslation(x, y, figure.dpi_scale_trans)
+    axes = ax.get_xaxis_transform() if is_lon else ax.get_yaxis_transform()
+    style: dict[str, Any] = {"fontsize": size, "color": INK, "transform": axes + away}
+    if is_lon:
+        ax.text(place, 0, text, ha="center", va="top", **style)
+    else:
+        ax.text(0, place, text, ha="right", va="center", rotation=90, **style)
 
 
 def _crossing(along: Array, across: Array, edge: float) -> float | None:

@@ -80,7 +80,7 @@ def write(path: Path, leaves: Sequence[Leaf], on: Setting, warnings: Sequence[st
         "pictures": _pictures(folder),
         "beside": beside,
     }
-    data = json.dumps(formats.plain(content), allow_nan=False, separators=(",", ":"))
+    data = formats.json_text(content, separators=(",", ":"))
     path.write_text(_fill_page(on.imprint.title, data), encoding="utf-8", newline="\n")
 
 
@@ -114,12 +114,11 @@ def _box(leaves: Sequence[Leaf], on: Setting, folder: Path) -> Box:
             ]
             around = float(axes[0].mean())
             places.append(np.column_stack(axes))
+        elif leaf.get("features") and leaf.get("frame"):
+            places += [_coordinates(one["geometry"]["coordinates"]) for one in leaf["features"]]
         elif leaf.get("frame"):
-            parts = (
-                leaf.get("features")
-                or json.loads((folder / leaf["file"]).read_text(encoding="utf-8"))["features"]
-            )
-            places += [_coordinates(part["geometry"]["coordinates"]) for part in parts]
+            shapes = shapely.from_geojson((folder / leaf["file"]).read_text(encoding="utf-8"))
+            places.append(shapely.get_coordinates(shapes))
     points = np.concatenate(places)
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):

@@ -1,5 +1,6 @@
 """Pictures that copies of the process draw: all are there, whatever becomes of a copy."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -41,6 +42,21 @@ def test_each_picture_is_drawn_once_and_told(tmp_path: Path, processes: int) -> 
     who = {(tmp_path / "out" / name).read_text() for name in many}
     assert len(who) == (processes if sys.platform == "linux" else 1)
     assert drawn({}, tmp_path / "none", processes) == []
+
+
+@linux
+def test_only_copies_leave_the_results_out_of_the_search_for_cycles(tmp_path: Path) -> None:
+    result: list[object] = []
+
+    def is_searched(path: Path) -> None:
+        time.sleep(0.05)
+        path.write_text(f"{os.getpid()} {any(one is result for one in gc.get_objects())}")
+
+    many = {f"{k}.png": is_searched for k in range(8)}
+    drawn(many, tmp_path / "out", 2)
+    told = {tuple((tmp_path / "out" / name).read_text().split()) for name in many}
+    assert len(told) == 2
+    assert all((who == str(os.getpid())) == (found == "True") for who, found in told)
 
 
 def children() -> set[str]:

@@ -315,3 +315,16 @@ def test_numbers_that_json_lacks_are_null_in_lists_too() -> None:
     given = {"a": [1.0, 2.5], "b": [1.0, float("nan")], "c": (3.0, float("-inf"), [float("inf")])}
     expected = {"a": [1.0, 2.5], "b": [1.0, None], "c": [3.0, None, [None]]}
     assert json.loads(json.dumps(formats.plain(given), allow_nan=False)) == expected
+    assert json.loads(formats.json_text(given)) == expected
+
+
+@pytest.mark.parametrize("last", [0.25, float("nan")])
+def test_json_text_is_that_of_plain_values(last) -> None:
+    """What JSON lacks, of any type, becomes the same text with and without a copy of it all."""
+    given = {
+        "one": [np.float32(0.1), np.float64(0.1), np.int64(7), np.bool_(True), (1, 2)],
+        "two": {3: np.array([[1.5, 2.5]]), "when": np.datetime64("2026-11-22T06:30:00")},
+        "last": last,
+    }
+    expected = json.dumps(formats.plain(given), allow_nan=False, separators=(",", ":"))
+    assert formats.json_text(given, separators=(",", ":")) == expected

@@ -163,11 +163,10 @@ def test_a_run_that_another_has_overtaken_leaves_its_results_alone(tmp_path):
 def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch, trouble):
     """What netCDF4 and HDF5 raise on a file system of 100 kB."""
 
-    def full(self: xr.Dataset, path: Path, **more: object) -> None:
-        path.write_bytes(b"half")
+    def full(self: xr.Dataset, store: object, **more: object) -> None:
         raise trouble
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
+    monkeypatch.setattr(xr.Dataset, "dump_to_store", full)
     with pytest.raises(UserError, match=r"cannot be written \(.*free some space"):
         write_little(tmp_path / "above" / "out")
     assert list(tmp_path.iterdir()) == []

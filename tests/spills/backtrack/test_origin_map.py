@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import shapely
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
+from drift.products.maps import page
 from drift.products.maps.imprint import Imprint, Setting
 from drift.products.maps.marks import Mark
 from drift.spills.backtrack import map as origin_map
@@ -65,9 +65,9 @@ def finds(lon, lat, count):
 def seen(monkeypatch):
     """Collect the figures when they are saved."""
     figures = []
-    save = Figure.savefig
+    save = page.save
     monkeypatch.setattr(
-        Figure, "savefig", lambda self, *a, **k: (figures.append(self), save(self, *a, **k))
+        page, "save", lambda canvas, *a, **k: (figures.append(canvas.figure), save(canvas, *a, **k))
     )
     return figures
 

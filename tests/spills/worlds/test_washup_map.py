@@ -7,12 +7,12 @@ import socket
 import numpy as np
 import pytest
 import shapely
-from matplotlib.figure import Figure
 from matplotlib.patches import BoxStyle
 from matplotlib.text import Text
 from PIL import Image
 
 from drift.engine.particles.status import Status
+from drift.products.maps import page
 from drift.products.maps.imprint import Imprint, Setting
 from drift.products.maps.marks import Mark
 from drift.spills.worlds import washup
@@ -80,16 +80,16 @@ def spill(where, touched, worlds=50, each=8):
 def words(monkeypatch):
     """Collect every text that is on a figure when it is saved, those in a circle in brackets."""
     found = []
-    save = Figure.savefig
+    save = page.save
 
-    def listen(self, *args, **kwargs):
-        for text in self.findobj(Text):
+    def listen(canvas, *args, **kwargs):
+        for text in canvas.figure.findobj(Text):
             box = text.get_bbox_patch()
             round_one = box is not None and isinstance(box.get_boxstyle(), BoxStyle.Circle)
             found.append(f"({text.get_text()})" if round_one else text.get_text())
-        return save(self, *args, **kwargs)
+        save(canvas, *args, **kwargs)
 
-    monkeypatch.setattr(Figure, "savefig", listen)
+    monkeypatch.setattr(page, "save", listen)
     return found
 
 

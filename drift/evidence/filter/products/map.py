@@ -297,7 +297,7 @@ def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None
     apart = (time - wanted) / np.timedelta64(1, "m")
     off = f" ({apart:+.0f} min)" if abs(apart) >= 1 else ""
     text = f"{STAGES[column]} {notation.day_time(time)}{off}"
-    ax.set_title(text, fontsize=8.5, weight="bold", loc="left", pad=3, color=INK)
+    chart.title(ax, text, "left", 8.5, weight="bold", pad=3)
     if update is None or update.pos is None:
         return
     words = ""
@@ -309,7 +309,7 @@ def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None
         words = f"POS {notation.short_percent(update.pos[-1])}"
         if update.cumulative is not None:
             words += f", cumulative {notation.short_percent(update.cumulative[-1])}"
-    ax.set_title(words, fontsize=8.5, loc="right", pad=3, color=INK)
+    chart.title(ax, words, "right", 8.5, pad=3)
 
 
 def _key(

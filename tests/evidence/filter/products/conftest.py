@@ -2,8 +2,9 @@
 
 import pytest
 import searches
-from matplotlib.figure import Figure
 from matplotlib.text import Text
+
+from drift.products.maps import page
 
 
 @pytest.fixture(scope="module")
@@ -18,11 +19,11 @@ def words(monkeypatch):
     """
     found = []
 
-    def listen(self, *args, **kwargs):
-        found.extend(text.get_text() for text in self.findobj(Text) if text.get_text())
-        self.draw_without_rendering()
+    def listen(canvas, *args, **kwargs):
+        found.extend(text.get_text() for text in canvas.figure.findobj(Text) if text.get_text())
+        canvas.figure.draw_without_rendering()
 
-    monkeypatch.setattr(Figure, "savefig", listen)
+    monkeypatch.setattr(page, "save", listen)
     return found
 
 
@@ -30,10 +31,8 @@ def words(monkeypatch):
 def figures(monkeypatch):
     """Collect figures as they are saved."""
     found = []
-    save = Figure.savefig
+    save = page.save
     monkeypatch.setattr(
-        Figure,
-        "savefig",
-        lambda self, *args, **kwargs: (found.append(self), save(self, *args, **kwargs))[1],
+        page, "save", lambda canvas, *a, **k: (found.append(canvas.figure), save(canvas, *a, **k))
     )
     return found
