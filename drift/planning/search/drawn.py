@@ -145,11 +145,11 @@ def _spots(crew: Crew, stage: Stage, mass: Array) -> Iterator[_Spot]:
         return
     edges = stage.swarm.time.shape[0]
     x, y, value = (
-        v.reshape(stage.m, edges) for v in (stage.swarm.x, stage.swarm.y, stage.swarm.value)
+        stage.swarm.at_edges(v) for v in (stage.swarm.x, stage.swarm.y, stage.swarm.value)
     )
     arrival = float(
         crew.available.arrival(
-            *crew.plane.round(*(float(mass @ v[:, edges // 2]) / mass.sum() for v in (x, y)))
+            *crew.plane.round(*(float(mass @ v[edges // 2]) / mass.sum() for v in (x, y)))
         )
     )
     slack = max(crew.available.spans[-1][1] - crew.shortest - arrival, 0.0)
@@ -189,7 +189,7 @@ def _moment(time: Array, at: float) -> tuple[int, float]:
 
 def _at(values: Array, k: int, share: float) -> Array:
     """Return values interpolated within a bin."""
-    return np.asarray(values[:, k] * (1 - share) + values[:, k + 1] * share, np.float64)
+    return np.asarray(values[k] * (1 - share) + values[k + 1] * share, np.float64)
 
 
 def _dense(here: Array, mass: Array, cell: float) -> Iterator[Array]:

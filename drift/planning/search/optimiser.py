@@ -411,6 +411,8 @@ def _scorer(
     )
     undetected = stage.weight[:, None] * undetected_share
     rows = draw(undetected.sum(axis=1))
+    # as kernels read them, once for all rectangles
+    undetected, later = (np.ascontiguousarray(v, np.float32) for v in (undetected, later))
     if present:
         rows = np.concatenate([present.row[None, :], rows])
     smeared = not stage.executed or crew.random
@@ -495,8 +497,8 @@ def _draw(
     edges = stage.swarm.time.shape[0]
     share = np.cumsum(undetected) / undetected.sum()
     i = np.minimum(np.searchsorted(share, rng.random(count)), stage.m - 1)
-    x, y = (v.reshape(stage.m, edges) for v in (stage.swarm.x, stage.swarm.y))
-    arrival = crew.available.arrival(*crew.plane.round(x[i, edges // 2], y[i, edges // 2]))
+    x, y = (stage.swarm.at_edges(v) for v in (stage.swarm.x, stage.swarm.y))
+    arrival = crew.available.arrival(*crew.plane.round(x[edges // 2, i], y[edges // 2, i]))
     slack = np.maximum(crew.available.spans[-1][1] - crew.shortest - arrival, 0.0)
     wait = np.where(rng.random(count) < 0.5, 0.0, rng.random(count) * slack)
     start, duration = crew.available.slot(arrival + wait)
@@ -507,8 +509,8 @@ def _draw(
     j = np.minimum(np.searchsorted(share, rng.random(count)), stage.m - 1)
     between = np.where(rng.random(count) < 0.5, 0.0, rng.random(count) * 0.5)
     rows = np.zeros((count, 8))
-    rows[:, X] = x[i, middle] + between * (x[j, middle] - x[i, middle])
-    rows[:, Y] = y[i, middle] + between * (y[j, middle] - y[i, middle])
+    rows[:, X] = x[middle, i] + between * (x[middle, j] - x[middle, i])
+    rows[:, Y] = y[middle, i] + between * (y[middle, j] - y[middle, i])
     rows[:, TURN] = rng.random(count) * math.pi
     rows[:, SPACING] = np.log(max(crew.widest, 1.0)) + rng.uniform(-1.2, 1.6, count)
     rows[:, SPACING] = np.maximum(rows[:, SPACING], math.log(max(crew.unit.least_spacing, 1.0)))
