@@ -77,9 +77,8 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
         rows = np.array([row for other, row in tried_patterns if other == manner])
         flown = rectangle.fly(crew_in_manner, rows, few.executed)
         allowed = flown.possible & (rectangle.share(crew, rows, flown) >= rectangle.LEAST_SEA)
-        for k, other in enumerate(plan):
-            if other is not None and k != u:
-                allowed &= candidates.too_near(other, rows, flown, few) == 0
+        beside = [other for k, other in enumerate(plan) if other is not None and k != u]
+        allowed &= np.all(candidates.too_near(beside, rows, flown, few) == 0, axis=0)
         which = np.flatnonzero(allowed)
         if not which.size:
             continue
