@@ -8,7 +8,7 @@ Tracks are straight within a bin, in a plane. A particle counts as under way bef
 `turn`, as adrift after it.
 
 Kernels take LANES neighbouring particles at a time, without branches between them: compilers make
-vector instructions of that, which take a quarter of the time. Each particle gets the same bits.
+vector instructions of that. A particle gets the same bits as by itself.
 """
 
 from dataclasses import dataclass, fields
