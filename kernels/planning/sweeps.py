@@ -17,7 +17,7 @@ import taichi as ti
 from kernels.evidence import sweep
 from kernels.maths import noise
 from kernels.planning.allocate import HostInts, HostReals
-from kernels.planning.rectangles import Swarm, by_state
+from kernels.planning.rectangles import LANES, Swarm, by_state, lanes
 from kernels.runtime import runtime
 
 BLOCK = 128
@@ -61,6 +61,7 @@ def _exposure(
     first: ti.i32,
     last: ti.i32,
     edges: ti.i32,
+    padded: ti.i32,
     time: ti.template(),
     x: ti.template(),
     y: ti.template(),
@@ -101,18 +102,21 @@ def _exposure(
             own = scale
             if steers:
                 own = scale_under_way
-            here, there = value[i * edges + t], value[i * edges + t + 1]
+            here, there = value[t * padded + i], value[(t + 1) * padded + i]
             if here >= 0.0 and there >= 0.0 and node[4 * k + 3] > 0.0 and own > 0.0:
                 long = time[t + 1] - time[t]
-                px, py = x[i * edges + t], y[i * edges + t]
-                dx, dy = (x[i * edges + t + 1] - px) / long, (y[i * edges + t + 1] - py) / long
+                px, py = x[t * padded + i], y[t * padded + i]
+                dx, dy = (
+                    (x[(t + 1) * padded + i] - px) / long,
+                    (y[(t + 1) * padded + i] - py) / long,
+                )
                 a = f32x2(
                     px + dx * (now - time[t]) - sx - vx * (now - begin),
                     py + dy * (now - time[t]) - sy - vy * (now - begin),
                 )
                 b = a + f32x2(dx - vx, dy - vy) * (till - now)
                 if ti.static(bridged):
-                    stray = spread[i * edges + t] * ti.sqrt(long)
+                    stray = spread[t * padded + i] * ti.sqrt(long)
                     d = b - a
                     nearest = ti.min(ti.max(-a.dot(d) / ti.max(d.dot(d), 1e-6), 0.0), 1.0)
                     if stray > 0.0 and (a + nearest * d).norm() < NEAR * stray:
@@ -131,7 +135,7 @@ def _exposure(
                         middle = 0.5 * (a + b)
                         half = (
                             0.5
-                            * f32x2(flow_x[i * edges + t] - vx, flow_y[i * edges + t] - vy)
+                            * f32x2(flow_x[t * padded + i] - vx, flow_y[t * padded + i] - vy)
                             * (till - now)
                         )
                         a, b = middle - half, middle + half
@@ -165,6 +169,82 @@ def _exposure(
 
 
 @ti.func
+def _drifting(
+    i: ti.i32,
+    first: ti.i32,
+    last: ti.i32,
+    edges: ti.i32,
+    padded: ti.i32,
+    time: ti.template(),
+    x: ti.template(),
+    y: ti.template(),
+    value: ti.template(),
+    node: ti.template(),
+):
+    """Return (integral of ds / (2 r^3), mean value of finding) of LANES drifting particles.
+
+    They are those from i on. It is `_exposure` of inverse cube legs without branches between
+    particles, for compilers to make vector instructions: the same bits in a fraction of the time.
+    """
+    total, worth = ti.Vector([0.0] * LANES), ti.Vector([0.0] * LANES)
+    t = 0
+    while t < edges - 2 and time[t + 1] <= node[4 * first]:
+        t += 1
+    for k in range(first, last - 1):
+        begin, end = node[4 * k], node[4 * k + 4]
+        sx, sy = node[4 * k + 1], node[4 * k + 2]
+        vx, vy = (node[4 * k + 5] - sx) / (end - begin), (node[4 * k + 6] - sy) / (end - begin)
+        now = begin
+        while now < end:
+            till = ti.min(end, time[t + 1])
+            if t == edges - 2:
+                till = end
+            if node[4 * k + 3] > 0.0:
+                p = t * padded + i
+                here, there = lanes(value, p), lanes(value, p + padded)
+                long = time[t + 1] - time[t]
+                px, py = lanes(x, p), lanes(y, p)
+                dx, dy = (lanes(x, p + padded) - px) / long, (lanes(y, p + padded) - py) / long
+                ax = px + dx * (now - time[t]) - sx - vx * (now - begin)
+                ay = py + dy * (now - time[t]) - sy - vy * (now - begin)
+                bx, by = ax + (dx - vx) * (till - now), ay + (dy - vy) * (till - now)
+                # as kernels.evidence.sweep.hazard
+                ex, ey = bx - ax, by - ay
+                far_a, far_b = ti.sqrt(ax * ax + ay * ay), ti.sqrt(bx * bx + by * by)
+                product, dot = far_a * far_b, ax * bx + ay * by
+                cross = ax * by - ay * bx
+                angle = ti.select(dot < 0.0, cross * cross / (product - dot), product + dot)
+                length = ti.sqrt(ex * ex + ey * ey)
+                more = 0.5 * length * (far_a + far_b) / ti.max(product * angle, sweep.TINY)
+                more = ti.select((here >= 0.0) & (there >= 0.0), more, 0.0)
+                total += more
+                share = (0.5 * (now + till) - time[t]) / long
+                worth += more * (here + share * (there - here))
+            if till == time[t + 1] and t < edges - 2:
+                t += 1
+            now = till
+    return total, ti.select(total > 0.0, worth / total, worth)
+
+
+@ti.func
+def _near(
+    i: ti.i32,
+    c: ti.i32,
+    widest: ti.f32,
+    padded: ti.i32,
+    box: ti.template(),
+    extent: ti.template(),
+):
+    """Return whether a particle comes near enough to path c to be compared."""
+    far = FAR * widest + box[2 * padded + i]
+    return (
+        widest > 0.0
+        and ti.abs(box[i] - extent[4 * c]) < far + extent[4 * c + 2]
+        and ti.abs(box[padded + i] - extent[4 * c + 1]) < far + extent[4 * c + 3]
+    )
+
+
+@ti.func
 def _hazard(
     cube: ti.template(),
     total: ti.f32,
@@ -195,6 +275,7 @@ def _gains(
     cube: ti.template(),
     bridged: ti.template(),
     edges: ti.i32,
+    padded: ti.i32,
     time: HostReals,
     x: HostReals,
     y: HostReals,
@@ -223,12 +304,7 @@ def _gains(
         for i in range(block * BLOCK, ti.min(block * BLOCK + BLOCK, m)):
             w, w_under_way = width[scenario[i]], width[scenarios + scenario[i]]
             widest = ti.max(w, w_under_way)
-            far = FAR * widest + box[3 * i + 2]
-            if (
-                widest > 0.0
-                and ti.abs(box[3 * i] - extent[4 * c]) < far + extent[4 * c + 2]
-                and ti.abs(box[3 * i + 1] - extent[4 * c + 1]) < far + extent[4 * c + 3]
-            ):
+            if _near(i, c, widest, padded, box, extent):
                 h, steered, worth = 0.0, 0.0, 0.0
                 for k in range(nodes):
                     if ti.static(not cube) or k == 0:
@@ -239,6 +315,7 @@ def _gains(
                             start[c],
                             start[c + 1],
                             edges,
+                            padded,
                             time,
                             x,
                             y,
@@ -266,6 +343,7 @@ def _found(
     cube: ti.template(),
     bridged: ti.template(),
     edges: ti.i32,
+    padded: ti.i32,
     time: HostReals,
     x: HostReals,
     y: HostReals,
@@ -301,6 +379,7 @@ def _found(
                         0,
                         node.shape[0] // 4,
                         edges,
+                        padded,
                         time,
                         x,
                         y,
@@ -317,6 +396,79 @@ def _found(
                     when[i] = ti.max(when[i], worth)
                 exponent = _hazard(cube, h, steered, w, w_under_way, factor[k])
                 found[i * nodes + k] = 1.0 - ti.exp(-exponent)
+
+
+@ti.kernel
+def _gains_drifting(
+    edges: ti.i32,
+    padded: ti.i32,
+    time: HostReals,
+    x: HostReals,
+    y: HostReals,
+    value: HostReals,
+    box: HostReals,
+    scenario: HostInts,
+    start: HostInts,
+    extent: HostReals,
+    node: HostReals,
+    width: HostReals,
+    factor: HostReals,
+    before: HostReals,
+    later: HostReals,
+    sums: HostReals,
+):
+    m, nodes = scenario.shape[0], factor.shape[0]
+    blocks = (m + BLOCK - 1) // BLOCK
+    for cb in range(sums.shape[0]):
+        c, block = cb // blocks, cb % blocks
+        total = 0.0
+        for group in range(BLOCK // LANES):
+            i = block * BLOCK + group * LANES
+            near = ti.Vector([0] * LANES)
+            for j in ti.static(range(LANES)):
+                if i + j < m:
+                    near[j] = _near(i + j, c, width[scenario[i + j]], padded, box, extent)
+            if near.any():
+                h, worth = _drifting(
+                    i, start[c], start[c + 1], edges, padded, time, x, y, value, node
+                )
+                for j in ti.static(range(LANES)):
+                    if near[j]:
+                        w, chance = width[scenario[i + j]], 0.0
+                        for k in range(nodes):
+                            if k == 0 or factor[k] != factor[k - 1]:
+                                chance = 1.0 - ti.exp(-_hazard(True, h[j], 0.0, w, w, factor[k]))
+                            at = (i + j) * nodes + k
+                            total += before[at] * (worth[j] - later[at]) * chance
+        sums[cb] = total
+
+
+@ti.kernel
+def _found_drifting(
+    edges: ti.i32,
+    padded: ti.i32,
+    time: HostReals,
+    x: HostReals,
+    y: HostReals,
+    value: HostReals,
+    scenario: HostInts,
+    node: HostReals,
+    width: HostReals,
+    factor: HostReals,
+    found: HostReals,
+    when: HostReals,
+):
+    nodes = factor.shape[0]
+    for group in range(padded >> 3):
+        i = group * LANES
+        h, worth = _drifting(i, 0, node.shape[0] // 4, edges, padded, time, x, y, value, node)
+        for j in ti.static(range(LANES)):
+            w, chance = width[scenario[ti.min(i + j, scenario.shape[0] - 1)]], 0.0
+            when[i + j] = ti.select(w > 0.0, worth[j], 0.0)
+            for k in range(nodes):
+                if k == 0 or factor[k] != factor[k - 1]:
+                    chance = 1.0 - ti.exp(-_hazard(True, h[j], 0.0, w, w, factor[k]))
+                found[(i + j) * nodes + k] = chance
 
 
 def _nodes(path: np.ndarray) -> np.ndarray:
@@ -369,11 +521,16 @@ def gains(
         np.ascontiguousarray(v, np.float32).reshape(-1)
         for v in (_nodes(np.concatenate(paths)), by_state(width), factor, before, later)
     )
+    size = particles.time.shape[0], particles.turn.shape[0]
+    if table is None and particles.drifting:
+        read = runtime.residents(start, extent, node, widths, factors, weight, rest)
+        _gains_drifting(*size, *particles.resident[:6], *read, sums)
+        return sums.astype(np.float64).reshape(len(paths), -1).sum(axis=1)
     curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
     _gains(
         table is None,
         len(particles.flow_x) > 0,
-        particles.time.shape[0],
+        *size,
         *particles.resident,
         *runtime.residents(start, extent, node, curve, widths, factors, weight, rest),
         sums,
@@ -393,14 +550,19 @@ def found(
     They are 1 - miss for each particle and node, float32 (m, nodes), and the value of finding the
     particle then, (m,). Arguments as in `gains`.
     """
-    m = particles.scenario.shape[0]
-    b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
+    m, size = particles.scenario.shape[0], (particles.time.shape[0], particles.turn.shape[0])
+    b, worth = np.zeros(size[1] * len(factor), np.float32), np.zeros(size[1], np.float32)
     node, widths, factors = (
         np.ascontiguousarray(v, np.float32).reshape(-1)
         for v in (_nodes(path), by_state(width), factor)
     )
+    if table is None and particles.drifting:
+        time, x, y, value, _, scenario, *_ = particles.resident
+        read = runtime.residents(node, widths, factors)
+        _found_drifting(*size, time, x, y, value, scenario, *read, b, worth)
+        return b.reshape(size[1], -1)[:m], worth[:m]
     curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
-    bridged, edges = len(particles.flow_x) > 0, particles.time.shape[0]
     read = runtime.residents(node, curve, widths, factors)
-    _found(table is None, bridged, edges, *particles.resident, *read, b, worth)
-    return b.reshape(m, -1), worth
+    bridged = len(particles.flow_x) > 0
+    _found(table is None, bridged, *size, *particles.resident, *read, b, worth)
+    return b.reshape(size[1], -1)[:m], worth[:m]

@@ -34,7 +34,7 @@ def by_hand(crews: Sequence[Crew], stage: Stage) -> list[tuple[str, Plan]]:
     edges = stage.swarm.time.shape[0]
     middle = int(np.clip(np.searchsorted(stage.swarm.time, np.mean(times)), 0, edges - 1))
     x, y = (
-        float(stage.weight @ v.reshape(stage.m, edges)[:, middle])
+        float(stage.weight @ stage.swarm.at_edges(v)[middle])
         for v in (stage.swarm.x, stage.swarm.y)
     )
     effort = np.array([crew.widest * track for crew, track in able])

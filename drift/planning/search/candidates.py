@@ -84,29 +84,28 @@ def value(plan: Plan, stage: Stage) -> float:
     return float(stage.weight @ joint.worth(finds, stage.nodes)) if finds else 0.0
 
 
-def too_near(choice: Choice, rows: Array, flown: Sweeps, stage: Stage) -> Array:
-    """Return how much too near [m] rectangles are to another unit's, shape (c,); 0: clear.
+def too_near(others: Sequence[Choice], rows: Array, flown: Sweeps, stage: Stage) -> Array:
+    """Return how much too near [m] rectangles are to other units', shape (k, c); 0: clear.
 
     Args:
-        choice: rectangle of the other unit.
+        others: rectangles of the other units, k of them.
         rows: candidate rectangles, shape (c, 8).
         flown: the same as they would be flown.
         stage: with the separation that units keep.
     """
-    if stage.separation <= 0:
-        return np.zeros(len(rows))
-    return np.maximum(
-        stage.separation - rectangle.apart(rows, flown, choice.row, choice.flown), 0.0
-    )
+    if stage.separation <= 0 or not others:
+        return np.zeros((len(others), len(rows)))
+    beside = Sweeps(*map(np.concatenate, zip(*(other.flown for other in others), strict=True)))
+    places = np.stack([other.row for other in others])
+    return np.maximum(stage.separation - rectangle.apart(rows, flown, places, beside), 0.0)
 
 
 def apart(plan: Plan, stage: Stage) -> bool:
     """Return True if units that search at the same time keep their separation."""
     chosen = [choice for choice in plan if choice is not None]
     return not any(
-        too_near(other, choice.row[None, :], choice.flown, stage)[0] > 0
+        np.any(too_near(chosen[:k], choice.row[None, :], choice.flown, stage) > 0)
         for k, choice in enumerate(chosen)
-        for other in chosen[:k]
     )
 
 
@@ -137,11 +136,9 @@ def waits(choice: Choice, chosen: Sequence[Choice], stage: Stage) -> str:
     earliest = float(rectangle.fly(any_hour, row[None, :], stage.executed).start[0])
     at_once = rectangle.fly(crew, row[None, :], stage.executed)
     light = float(at_once.start[0])
-    near = [
-        other.crew.unit.name
-        for other in chosen
-        if other is not choice and too_near(other, row[None, :], at_once, stage)[0] > 0
-    ]
+    others = [other for other in chosen if other is not choice]
+    close = too_near(others, row[None, :], at_once, stage)[:, 0] > 0
+    near = [other.crew.unit.name for other, so in zip(others, close, strict=True) if so]
     if start - earliest < 1:
         return ""
     reasons = ["for daylight"] * (light - earliest >= PART * (start - earliest))

@@ -77,9 +77,8 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
         rows = np.array([row for other, row in tried_patterns if other == manner])
         flown = rectangle.fly(crew_in_manner, rows, few.executed)
         allowed = flown.possible & (rectangle.share(crew, rows, flown) >= rectangle.LEAST_SEA)
-        for k, other in enumerate(plan):
-            if other is not None and k != u:
-                allowed &= candidates.too_near(other, rows, flown, few) == 0
+        beside = [other for k, other in enumerate(plan) if other is not None and k != u]
+        allowed &= np.all(candidates.too_near(beside, rows, flown, few) == 0, axis=0)
         which = np.flatnonzero(allowed)
         if not which.size:
             continue
@@ -145,11 +144,11 @@ def _spots(crew: Crew, stage: Stage, mass: Array) -> Iterator[_Spot]:
         return
     edges = stage.swarm.time.shape[0]
     x, y, value = (
-        v.reshape(stage.m, edges) for v in (stage.swarm.x, stage.swarm.y, stage.swarm.value)
+        stage.swarm.at_edges(v) for v in (stage.swarm.x, stage.swarm.y, stage.swarm.value)
     )
     arrival = float(
         crew.available.arrival(
-            *crew.plane.round(*(float(mass @ v[:, edges // 2]) / mass.sum() for v in (x, y)))
+            *crew.plane.round(*(float(mass @ v[edges // 2]) / mass.sum() for v in (x, y)))
         )
     )
     slack = max(crew.available.spans[-1][1] - crew.shortest - arrival, 0.0)
@@ -189,7 +188,7 @@ def _moment(time: Array, at: float) -> tuple[int, float]:
 
 def _at(values: Array, k: int, share: float) -> Array:
     """Return values interpolated within a bin."""
-    return np.asarray(values[:, k] * (1 - share) + values[:, k + 1] * share, np.float64)
+    return np.asarray(values[k] * (1 - share) + values[k + 1] * share, np.float64)
 
 
 def _dense(here: Array, mass: Array, cell: float) -> Iterator[Array]:

@@ -81,7 +81,8 @@ def others(finds: Sequence[Find], time: float, weight: Array, m: int) -> tuple[A
 
 def _later(ordered: Sequence[Find]) -> Array:
     """Return the worth of what sorties find, in their order, shape (m, nodes)."""
-    total = np.zeros(ordered[0].chance.shape)
-    for find in reversed(ordered):
+    last = ordered[-1]
+    total = (last.chance * last.worth[:, None]).astype(np.float64)
+    for find in ordered[-2::-1]:
         total = find.chance * find.worth[:, None] + (1 - find.chance) * total
     return total

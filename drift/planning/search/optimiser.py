@@ -146,9 +146,8 @@ def _split_tracks(tracks: Tracks) -> tuple[Tracks, Tracks]:
 
     Both are unbiased samples.
     """
-    strata = record.order(tracks)
     judges = np.arange(tracks.m) % JUDGES == JUDGES // 2
-    making, judging = (np.sort(strata[some]) for some in (~judges, judges))
+    making, judging = (np.sort(tracks.strata[some]) for some in (~judges, judges))
     if not tracks.weight[making].sum() > 0 or not tracks.weight[judging].sum() > 0:
         return tracks, tracks
     return record.take(tracks, making, tracks.weight[making]), record.take(
@@ -362,7 +361,7 @@ def _improve(
     times: int,
 ) -> Plan:
     """Return the plan with unit u's rectangle replaced if a better one is found."""
-    score, rows, present = _scorer(
+    score, rows, present, value = _scorer(
         current, u, crews[u], stage, lambda left: _draw(crews[u], stage, left, rng, drawn)
     )
     if len(rows) == 0:
@@ -373,7 +372,7 @@ def _improve(
         rows, scores = rows[keep], scores[keep]
         children = _vary(rows[rng.integers(len(rows), size=CHILDREN)], crews[u], rng, 0.5**turn)
         rows, scores = np.concatenate([rows, children]), np.concatenate([scores, score(children)])
-    return _accept(current, u, crews[u], stage, rows, scores, present)
+    return _accept(current, u, crews[u], stage, rows, scores, present, value)
 
 
 def _settle(
@@ -382,7 +381,7 @@ def _settle(
     """Return the plan with unit u's rectangle moved a little and started at its best corner."""
     present = current[u]
     crew = crews[u] if present is None else present.crew
-    score, rows, present = _scorer(current, u, crew, stage, lambda left: np.empty((0, 8)))
+    score, rows, present, value = _scorer(current, u, crew, stage, lambda left: np.empty((0, 8)))
     if len(rows) == 0:
         return current
     rows = np.repeat(rows, 4, axis=0)
@@ -393,13 +392,14 @@ def _settle(
         rows, scores = rows[keep], scores[keep]
         children = _vary(rows[rng.integers(len(rows), size=24)], crew, rng, 0.25 * 0.5**turn)
         rows, scores = np.concatenate([rows, children]), np.concatenate([scores, score(children)])
-    return _accept(current, u, crew, stage, rows, scores, present)
+    return _accept(current, u, crew, stage, rows, scores, present, value)
 
 
 def _scorer(
     current: Plan, u: int, crew: Crew, stage: Stage, draw: Callable[[Array], Array]
-) -> tuple[Callable[[Array], Array], Array, Choice | None]:
-    """Return a scoring function for rectangles of unit u, start rectangles, and its own.
+) -> tuple[Callable[[Array], Array], Array, Choice | None, float]:
+    """Return a scoring function for rectangles of unit u, start rectangles, its own, and the plan's
+    value.
 
     draw: returns rectangles, given the probability of each particle that the others leave, (m,).
     """
@@ -411,23 +411,26 @@ def _scorer(
     )
     undetected = stage.weight[:, None] * undetected_share
     rows = draw(undetected.sum(axis=1))
+    # as kernels read them, once for all rectangles
+    undetected, later = (np.ascontiguousarray(v, np.float32) for v in (undetected, later))
     if present:
         rows = np.concatenate([present.row[None, :], rows])
     smeared = not stage.executed or crew.random
 
-    level = candidates.value(current, stage) or 1.0
+    value = candidates.value(current, stage)
+    level = value or 1.0
 
     def score(rows: Array) -> Array:
         """Return the gain of rectangles beside those of the other units, shape (c,)."""
         flown = rectangle.fly(crew, rows, stage.executed)
         allowed = flown.possible.copy()
         cost = np.zeros(len(rows))
-        for other in others:
-            near = candidates.too_near(other, rows, flown, stage)
-            if math.isinf(stage.price):
-                allowed &= near == 0
-            else:
-                cost += stage.price * near / np.sqrt(flown.length * flown.width + 1)
+        near = candidates.too_near(others, rows, flown, stage)
+        if math.isinf(stage.price):
+            allowed &= np.all(near == 0, axis=0)
+        else:
+            for own in near:
+                cost += stage.price * own / np.sqrt(flown.length * flown.width + 1)
         scores = np.full(len(rows), -1.0)
         scored = np.flatnonzero(allowed)
         if len(scored) == 0:
@@ -458,7 +461,7 @@ def _scorer(
             -1.0,
         )
 
-    return score, rows, present
+    return score, rows, present, value
 
 
 def _accept(
@@ -469,8 +472,9 @@ def _accept(
     rows: Array,
     scores: Array,
     present: Choice | None,
+    value: float,
 ) -> Plan:
-    """Return the plan with unit u's best rectangle, unless that lowers its value."""
+    """Return the plan with unit u's best rectangle, unless that lowers its value `value`."""
     best = int(np.argmax(scores))
     if scores[best] <= -1:
         return current if present is None else [*current[:u], None, *current[u + 1 :]]
@@ -479,7 +483,7 @@ def _accept(
         return improved
     # Where worth falls with time, scores assume a fixed order of sorties: only the plan's value
     # decides.
-    better = candidates.value(improved, stage) >= NEAR * candidates.value(current, stage)
+    better = candidates.value(improved, stage) >= NEAR * value
     return improved if better else current
 
 
@@ -495,8 +499,8 @@ def _draw(
     edges = stage.swarm.time.shape[0]
     share = np.cumsum(undetected) / undetected.sum()
     i = np.minimum(np.searchsorted(share, rng.random(count)), stage.m - 1)
-    x, y = (v.reshape(stage.m, edges) for v in (stage.swarm.x, stage.swarm.y))
-    arrival = crew.available.arrival(*crew.plane.round(x[i, edges // 2], y[i, edges // 2]))
+    x, y = (stage.swarm.at_edges(v) for v in (stage.swarm.x, stage.swarm.y))
+    arrival = crew.available.arrival(*crew.plane.round(x[edges // 2, i], y[edges // 2, i]))
     slack = np.maximum(crew.available.spans[-1][1] - crew.shortest - arrival, 0.0)
     wait = np.where(rng.random(count) < 0.5, 0.0, rng.random(count) * slack)
     start, duration = crew.available.slot(arrival + wait)
@@ -507,8 +511,8 @@ def _draw(
     j = np.minimum(np.searchsorted(share, rng.random(count)), stage.m - 1)
     between = np.where(rng.random(count) < 0.5, 0.0, rng.random(count) * 0.5)
     rows = np.zeros((count, 8))
-    rows[:, X] = x[i, middle] + between * (x[j, middle] - x[i, middle])
-    rows[:, Y] = y[i, middle] + between * (y[j, middle] - y[i, middle])
+    rows[:, X] = x[middle, i] + between * (x[middle, j] - x[middle, i])
+    rows[:, Y] = y[middle, i] + between * (y[middle, j] - y[middle, i])
     rows[:, TURN] = rng.random(count) * math.pi
     rows[:, SPACING] = np.log(max(crew.widest, 1.0)) + rng.uniform(-1.2, 1.6, count)
     rows[:, SPACING] = np.maximum(rows[:, SPACING], math.log(max(crew.unit.least_spacing, 1.0)))

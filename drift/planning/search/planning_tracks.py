@@ -1,6 +1,7 @@
 """Tracks of planning particles: positions at the edges of time bins, straight in between."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,12 @@ class Tracks:
     # [m/sqrt(s)], from each edge on, float32 (3, b + 1, m); NaN: not on a bridge, use the track;
     # None: no particle follows a bridge.
     flow: Array | None = None
+
+    @cached_property
+    def strata(self) -> Array:
+        """The particles' order by strata: scenario, then a space-filling curve at half time."""
+        x, y = plane(self).flat(*(v[self.bins // 2] * sphere.UNIT for v in (self.lon, self.lat)))
+        return np.lexsort((_morton(x, y, *_square(x, y)), self.scenario))
 
     @property
     def bins(self) -> int:
@@ -93,18 +100,9 @@ def take(tracks: Tracks, index: Array, weight: Array) -> Tracks:
     )
 
 
-def order(tracks: Tracks) -> Array:
-    """Return the particles' order by strata: scenario, then a space-filling curve at half time."""
-    x, y = plane(tracks).flat(
-        *(v[tracks.bins // 2] * sphere.UNIT for v in (tracks.lon, tracks.lat))
-    )
-    return np.lexsort((_morton(x, y, *_square(x, y)), tracks.scenario))
-
-
 def sort(tracks: Tracks) -> Tracks:
     """Return the particles in the order of strata: neighbours at sea are neighbours in memory."""
-    strata = order(tracks)
-    return take(tracks, strata, tracks.weight[strata])
+    return take(tracks, tracks.strata, tracks.weight[tracks.strata])
 
 
 def sample(tracks: Tracks, count: int) -> Tracks:
@@ -112,7 +110,7 @@ def sample(tracks: Tracks, count: int) -> Tracks:
 
     Sampling is systematic along strata, in proportion to weight.
     """
-    strata = order(tracks)
+    strata = tracks.strata
     cumulative = np.cumsum(tracks.weight[strata])
     ticks = (np.arange(count) + 0.5) / count * cumulative[-1]
     return take(

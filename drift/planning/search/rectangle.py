@@ -38,6 +38,7 @@ FITS = 5  # most lengths tried until legs cut at the coast use the available tim
 FULL = 0.97  # share of the available time at which that search ends
 STEP = 0.01  # of coverage in the table of detection probability
 MOST = 12.0  # largest coverage in that table
+CORNERS = np.array([[1, 1, -1, -1], [1, -1, 1, -1]])  # sides of a rectangle's corners
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,7 @@ class Sweeps(NamedTuple):
     # whole
     sailed: Array
     moved: Array  # [m] (c, 2) drift of the frame, east and north, during the search
+    sea: Array  # share of the rectangle that is sea within the unit's reach
 
 
 def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
@@ -150,7 +152,9 @@ def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
     )
     none = np.full(len(rows), None, object)
     moved = np.outer(duration, [manner.east, manner.north])
-    flown = Sweeps(start - crew.zero, duration, legs, spacing, length, width, possible, none, moved)
+    sizes = legs, spacing, length, width
+    sea = np.ones(len(rows))
+    flown = Sweeps(start - crew.zero, duration, *sizes, possible, none, moved, sea)
     return _at_sea(crew, rows, flown, corner)
 
 
@@ -162,37 +166,38 @@ def _at_sea(crew: Crew, rows: Array, flown: Sweeps, sailed: bool) -> Sweeps:
     """
     if crew.course is None:
         return flown
-    possible = flown.possible & (share(crew, rows, flown) >= LEAST_SEA)
-    flown = flown._replace(possible=possible)
+    sea = share(crew, rows, flown)
+    possible = flown.possible & (sea >= LEAST_SEA)
+    flown = flown._replace(possible=possible, sea=sea)
     if not sailed or crew.random:
         return flown
+    which = np.flatnonzero(possible)
+    legs = [legs_of(crew, rows[k], flown, int(k)) for k in which]
+    crossed = [courses.crosses(crew.course, np.array(own.lon), np.array(own.lat)) for own in legs]
+    whole = np.flatnonzero(np.logical_not(crossed))
+    in_time = np.zeros(len(which), bool)
+    in_time[whole] = _in_time(crew, flown.start[which[whole]], [legs[k] for k in whole])
     if not crew.manner.plain:
-        for k in np.flatnonzero(possible):
-            legs = legs_of(crew, rows[k], flown, int(k))
-            clear = not courses.crosses(crew.course, np.array(legs.lon), np.array(legs.lat))
-            possible[k] = clear and _in_time(crew, flown, legs, int(k))
+        possible[which] = in_time
         return flown
     flown = Sweeps(*(np.array(values) for values in flown))
-    cross = []
-    for k in np.flatnonzero(possible):
-        legs = laid(crew, rows[k], flown, int(k)).pattern.legs
-        if courses.crosses(crew.course, np.array(legs.lon), np.array(legs.lat)) or not _in_time(
-            crew, flown, legs, int(k)
-        ):
-            cross.append(int(k))
-    _sail(crew, rows, flown, cross)
+    _sail(crew, rows, flown, which[~in_time].tolist())
     return flown
 
 
-def _in_time(crew: Crew, flown: Sweeps, legs: Legs, k: int) -> bool:
-    """Return True if a boat can reach the legs in time and get home from their end."""
-    assert crew.course is not None
-    first, last = ((legs.lon[j], legs.lat[j]) for j in (0, -1))
-    there = courses.distance(crew.course, crew.course.out, first) / crew.unit.transit_speed
-    home = courses.distance(crew.course, crew.course.home, last)
-    return crew.available.leaves + there <= crew.zero + float(flown.start[k]) and math.isfinite(
-        home
+def _in_time(crew: Crew, start: Array, legs: Sequence[Legs]) -> Array:
+    """Return whether a boat can reach legs in time and get home from their end, bool (n,).
+
+    start: when each begins [s after the crew's zero], shape (n,).
+    """
+    course = crew.course
+    assert course is not None
+    first, last = (
+        course.sea.flat([own.lon[k] for own in legs], [own.lat[k] for own in legs]) for k in (0, -1)
     )
+    there = courses.distances(course, course.out, first) / crew.unit.transit_speed
+    home = courses.distances(course, course.home, last)
+    return (crew.available.leaves + there <= crew.zero + start) & np.isfinite(home)
 
 
 def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
@@ -337,7 +342,7 @@ def smeared(crew: Crew, rows: Array, flown: Sweeps) -> tuple[Array, Array]:
         ]
     )
     # Land saves a boat about as much search time as going round it costs.
-    track = crew.unit.search_speed * duration * share(crew, rows, flown)
+    track = crew.unit.search_speed * duration * flown.sea
     swept = track / np.maximum(flown.length * flown.width, 1.0)
     return table, crew.width * swept.reshape(-1, *[1] * crew.width.ndim)
 
@@ -390,41 +395,43 @@ def _hull(rows: Array, flown: Sweeps) -> tuple[Array, Array]:
     return np.stack([rows[:, X] + east / 2, rows[:, Y] + north / 2]), side / 2
 
 
-def apart(rows: Array, flown: Sweeps, row: Array, other: Sweeps) -> Array:
-    """Return the distance [m] of rectangles from another one, shape (c,).
+def apart(rows: Array, flown: Sweeps, others: Array, beside: Sweeps) -> Array:
+    """Return the distances [m] of rectangles from others, shape (k, c).
 
-    It is inf if they are not searched at the same time. If they overlap it is minus the shortest
+    They are inf if they are not searched at the same time. If they overlap it is minus the shortest
     displacement that separates them.
+
+    Args:
+        rows: rectangles, shape (c, 8).
+        flown: the same as they would be flown.
+        others: the other rectangles, shape (k, 8).
+        beside: the same as they would be flown.
     """
     sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
-    (centre, half), (place, beside) = _hull(rows, flown), _hull(row[None, :], other)
-    own, size = np.array([math.sin(row[TURN]), math.cos(row[TURN])]), beside[:, 0]
-    dx, dy = place - centre
+    (centre, half), (place, size) = _hull(rows, flown), _hull(others, beside)
+    half, size = half[:, None], size[:, :, None]
+    own_sin, own_cos = (np.array([[f(t)] for t in others[:, TURN]]) for f in (math.sin, math.cos))
+    dx, dy = place[:, :, None] - centre[:, None]
     # Express the corners of each in the other's axes: along, across.
-    nearest = np.full(len(rows), np.inf)
+    nearest = np.full(dx.shape, np.inf)
     # largest gap along any axis (separating axes)
-    deepest = np.full(len(rows), -np.inf)
+    deepest = np.full(dx.shape, -np.inf)
     # orientation of the other rectangle, relative to each
-    turn_sin, turn_cos = own[0] * cos - own[1] * sin, own[1] * cos + own[0] * sin
-    there = np.stack([dx * sin + dy * cos, dx * cos - dy * sin])
-    back = np.stack([-dx * own[0] - dy * own[1], -dx * own[1] + dy * own[0]])
-    for place, mine, yours, s in (
-        (there, half, np.broadcast_to(size[:, None], half.shape), turn_sin),
-        (back, np.broadcast_to(size[:, None], half.shape), half, -turn_sin),
+    turn_sin, turn_cos = own_sin * cos - own_cos * sin, own_cos * cos + own_sin * sin
+    there = dx * sin + dy * cos, dx * cos - dy * sin
+    back = -dx * own_sin - dy * own_cos, -dx * own_cos + dy * own_sin
+    a, b = CORNERS[:, :, None, None]
+    for (along, across), mine, yours, s in (
+        (there, half, size, turn_sin),
+        (back, size, half, -turn_sin),
     ):
-        corners = []
-        for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-            u, v = a * yours[0], b * yours[1]
-            corners.append(
-                np.stack([place[0] + u * turn_cos - v * s, place[1] + u * s + v * turn_cos])
-            )
-        at = np.stack(corners)
+        u, v = a * yours[0], b * yours[1]
+        at = np.stack([along + u * turn_cos - v * s, across + u * s + v * turn_cos], axis=1)
         gap = np.maximum(np.abs(at) - mine, 0)
         nearest = np.minimum(nearest, np.hypot(gap[:, 0], gap[:, 1]).min(axis=0))
         deepest = np.maximum(
             deepest, np.maximum(at.min(axis=0) - mine, -mine - at.max(axis=0)).max(axis=0)
         )
-    together = (flown.start < other.start[0] + other.duration[0] + CLEAR) & (
-        other.start[0] < flown.start + flown.duration + CLEAR
-    )
+    start, end = beside.start[:, None], (beside.start + beside.duration)[:, None]
+    together = (flown.start < end + CLEAR) & (start < flown.start + flown.duration + CLEAR)
     return np.where(together, np.where(deepest < 0, deepest, nearest), np.inf)

@@ -190,12 +190,12 @@ def test_areas_that_drift_keep_apart_all_along() -> None:
     for east, want in ((0.0, 3 * NMI), (-3 * NMI, 3 * NMI), (-3 * NMI - side / 2, 3 * NMI)):
         beside = row + np.array([east, side + 3 * NMI, 0, 0, 0, 0, 0, 0])
         own, other = rectangle.fly(moving, beside[None]), rectangle.fly(still, row[None])
-        assert rectangle.apart(beside[None], own, row, other)[0] == pytest.approx(
+        assert rectangle.apart(beside[None], own, row[None], other)[0, 0] == pytest.approx(
             want, abs=0.06 * NMI
         )
     gone = row + np.array([-6 * NMI - 2 * side, 0, 0, 0, 0, 0, 0, 0])
-    assert rectangle.apart(gone[None], rectangle.fly(moving, gone[None]), row, other)[
-        0
+    assert rectangle.apart(gone[None], rectangle.fly(moving, gone[None]), row[None], other)[
+        0, 0
     ] == pytest.approx(side, abs=0.06 * NMI)
 
 

@@ -25,7 +25,15 @@ def test_rectangles_are_as_far_apart_as_shapely_says() -> None:
     def flown(k: slice) -> rectangle.Sweeps:
         zero = np.zeros(len(rows[k]))
         return rectangle.Sweeps(
-            zero, zero + 1, zero, zero, *sides[:, k], zero == 0, zero, np.zeros((len(zero), 2))
+            zero,
+            zero + 1,
+            zero,
+            zero,
+            *sides[:, k],
+            zero == 0,
+            zero,
+            np.zeros((len(zero), 2)),
+            zero + 1,
         )
 
     def shape(k: int) -> shapely.Polygon:
@@ -39,14 +47,15 @@ def test_rectangles_are_as_far_apart_as_shapely_says() -> None:
         )
 
     shapes = np.array([shape(k) for k in range(200)])
-    for k in range(20):
-        found = rectangle.apart(rows, flown(slice(None)), rows[k], flown(slice(k, k + 1)))
+    for k, found in enumerate(
+        rectangle.apart(rows, flown(slice(None)), rows[:20], flown(slice(20)))
+    ):
         np.testing.assert_allclose(
             np.maximum(found, 0), shapely.distance(shapes[k], shapes), atol=1e-9
         )
         np.testing.assert_array_equal(found < 1e-9, shapely.intersects(shapes[k], shapes))
     later = flown(slice(0, 1))._replace(start=np.array([500.0]))
-    assert np.all(np.isinf(rectangle.apart(rows, flown(slice(None)), rows[0], later)))
+    assert np.all(np.isinf(rectangle.apart(rows, flown(slice(None)), rows[:1], later)))
 
 
 def test_legs_on_moving_particles_as_by_brute_force() -> None:
@@ -109,6 +118,49 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
         sweeps.gains(
             swarm, None, [short], np.array([width]), np.ones(1), np.ones((40, 1)), np.zeros((40, 1))
         )
+
+
+def test_drifting_particles_score_alike_beside_one_that_steers() -> None:
+    """Particles in vectors and one by one: 13 of them, one of whom cannot be found for a while."""
+    rng = np.random.default_rng(8)
+    time = np.array([0.0, 1800, 3600, 5400])
+    x, y = rng.uniform(-4000, 4000, (2, 1, 13)) + np.cumsum(rng.normal(0, 400, (2, 4, 13)), axis=1)
+    value = rng.uniform(0.2, 1.0, (4, 13))
+    value[2, 4] = -1.0
+    scenario = np.array([0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0])
+    others = np.full(14, rectangles.NEVER)
+    others[13] = 1e4
+    alone = rectangles.swarm(time, x, y, value, scenario)
+    extra = [np.column_stack([v, np.full(4, 9e5)]) for v in (x, y, value)]
+    beside = rectangles.swarm(time, *extra, np.append(scenario, 0), others)
+    assert alone.drifting
+    assert not beside.drifting
+    node = np.array([[500.0, -3000, -900, 1], [2100, 3000, 700, 0], [2200, 3000, 2000, 1]])
+    node = np.concatenate([node, [[4100.0, -2500, 2200, 0]]])
+    width, factor = np.array([1500.0, 0.0]), np.array([0.7, 0.7, 1.4])
+    (chance, worth), (chance_beside, worth_beside) = (
+        sweeps.found(swarm, None, node, width, factor) for swarm in (alone, beside)
+    )
+    np.testing.assert_array_equal(chance, chance_beside[:13])
+    np.testing.assert_array_equal(worth, worth_beside[:13])
+    assert np.all((chance[:, 0] > 0) == (scenario == 0))
+    left, later = rng.uniform(0.1, 1, (2, 14, 3)) / 10
+    scored = [
+        sweeps.gains(swarm, None, [node[:2], node], width, factor, left[:m], later[:m])
+        for swarm, m in ((alone, 13), (beside, 14))
+    ]
+    np.testing.assert_array_equal(*scored)
+    gain = (left[:13] * (worth[:, None] - later[:13]) * chance)[scenario == 0].sum()
+    assert scored[0][1] == pytest.approx(gain, rel=1e-5)
+    # In a rectangle, who cannot be found at either end of a bin is not covered in it.
+    table = np.array([[200.0, -100, math.sin(0.4), math.cos(0.4), 30_000, 30_000, 1900, 3400, 1]])
+    curve = np.linspace(0, 1, 30)
+    for random in (False, True):
+        covered, _ = rectangles.found(
+            alone, random, table, np.array([0.4, 0.6]), factor, 0.05, curve
+        )
+        assert np.all((covered[:, 0] > 0) == (np.arange(13) != 4))
+        assert np.all(covered[:, 0] == covered[:, 1])
 
 
 def test_smeared_legs_are_the_mean_of_legs() -> None:

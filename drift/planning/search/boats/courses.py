@@ -275,11 +275,6 @@ def out_and_home(
     return ways[0], ways[1][::-1]
 
 
-def distance(course: Course, harbour: Harbour, point: LonLat) -> float:
-    """Return an upper bound [m] of the way from a harbour to a position [deg]; inf: no way."""
-    return float(distances(course, harbour, course.sea.flat(*np.array([point]).T))[0])
-
-
 def distances(course: Course, harbour: Harbour, points: Array) -> Array:
     """Return upper bounds [m] of the ways from a harbour to points, shape (n,); inf: no way.
 
