@@ -45,8 +45,13 @@ def test_on_disk_they_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not isinstance(in_memory.data["containment"].values.base, np.memmap)
 
 
-def test_one_map_at_most_is_laid_out_before_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What particles leave in cells is asked for map by map; each is let go of once it is put in."""
+@pytest.mark.parametrize(("worth", "most"), [(10**9, 1), (0, 3)])
+def test_maps_are_laid_out_in_their_turn(
+    monkeypatch: pytest.MonkeyPatch, worth: int, most: int
+) -> None:
+    """What particles leave in cells is asked for map by map, one for each of two copies of the
+    process if there are any; each is let go of once it is put in.
+    """
     asked, done, ahead = [0], [0], []
     laid, put = build.cloud.deposit_sums, build.dataset.Maps.put
 
@@ -59,11 +64,13 @@ def test_one_map_at_most_is_laid_out_before_its_turn(monkeypatch: pytest.MonkeyP
         put(*given)
         done[0] += 1
 
+    monkeypatch.setattr(build, "WORTH", worth)
+    monkeypatch.setattr(build.runtime, "threads", lambda: 2)
     monkeypatch.setattr(build.cloud, "deposit_sums", counted)
     monkeypatch.setattr(build.dataset.Maps, "put", putting)
     build.build_forecast(outputs() * 4, scenarios=["one", "other"])
     assert asked[0] == 4 * (OUTPUTS - 1)
-    assert max(ahead) <= build.AT_ONCE + 1
+    assert max(ahead) == (most if build.copies.possible() else 1)
 
 
 def test_without_room_on_disk_they_stay_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
