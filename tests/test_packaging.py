@@ -17,7 +17,7 @@ from drift.apps.cli import commands
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 CHANGES = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 # names that differ there
-CONDA = {"dask": "dask-core", "eccodes": "python-eccodes", "matplotlib": "matplotlib-base"}
+CONDA = {"eccodes": "python-eccodes", "matplotlib": "matplotlib-base"}
 
 
 def read(name: str) -> Any:
