@@ -1,9 +1,9 @@
 """How much time, memory and disk do many particles take? A built-in flow, errors, diffusion, wind;
 in shards or in one piece.
 
-    python benchmarks/scale.py --particles 1e8 --hours 24 --outputs 9 --memory "3 GB" python
-    benchmarks/scale.py --current "norkyst/norkyst800*.nc" --wind "norkyst/arome*.nc" --start
-    2015-11-16T00:00Z --at 4.25 60
+    python benchmarks/scale.py --particles 1e8 --hours 24 --outputs 9 --memory "3 GB"
+    python benchmarks/scale.py --current "norkyst/norkyst800*.nc" --wind "norkyst/arome*.nc"
+        --start 2015-11-16T00:00Z --at 4.25 60
 
 Prints seconds by phase, the peak of resident memory of the process, how it went over time, the most
 that lay on disk, and the cost of a particle-step.
