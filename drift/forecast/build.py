@@ -31,7 +31,7 @@ from geo.cells import QUANTUM, Cells, IsLand
 from geo.errors import UserError
 from kernels.runtime import runtime
 
-MOST_COPIES = 8  # copies of this process that compute maps, some 50 MB each
+MOST_COPIES = 4  # copies of this process that compute maps, some 50 MB each
 WORTH = 1_000_000  # cells of all maps from which copies gain more than starting them costs
 ACROSS = 360  # most cells across the forecast's grid
 ACROSS_ONE = 840  # most cells across the finer grid of a single snapshot
