@@ -3,9 +3,11 @@
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -78,6 +80,37 @@ def test_copies_end_when_their_results_are_no_longer_wanted() -> None:
     assert len(children() - before) == 2
     found.close()  # type: ignore[attr-defined]
     assert children() == before
+
+
+def lives(process: str) -> bool:
+    """Return whether a process runs, and is not only waited for by none."""
+    try:
+        about = (Path("/proc") / process / "stat").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return about.rpartition(")")[2].split()[0] != "Z"
+
+
+@linux
+def test_copies_die_with_their_owner() -> None:
+    code = """
+import multiprocessing, time
+from drift.products.files import copies
+def slow(item):
+    time.sleep(600)
+def items():
+    yield 1
+    print(*[child.pid for child in multiprocessing.active_children()], flush=True)
+    time.sleep(600)
+list(copies.map_in_order(slow, items(), 2))
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as owner:
+        assert owner.stdout is not None
+        left = owner.stdout.readline().split()
+        assert [lives(one) for one in left] == [True, True]
+        owner.kill()
+    while any(map(lives, left)):  # the time limit of tests ends this
+        time.sleep(0.05)
 
 
 def test_a_system_that_allows_no_more_processes(monkeypatch: pytest.MonkeyPatch) -> None:
