@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -26,8 +26,8 @@ DIE_WITH_PARENT = 1  # option of prctl: signal to a process whose parent dies
 
 
 def possible() -> bool:
-    """Return whether this process can have copies; a daemon of `multiprocessing` may not."""
-    return sys.platform == "linux" and not multiprocessing.current_process().daemon
+    """Return whether this process can have copies."""
+    return sys.platform == "linux"
 
 
 def follow_owner(owner: int) -> bool:
@@ -95,23 +95,38 @@ def map_in_order(function: Callable[[T], R], items: Iterable[T], copies: int) ->
 
 
 class _Copy:
-    """A copy that computes a function of one item at a time."""
+    """A copy that computes a function of one item at a time.
+
+    It is forked without `multiprocessing`, whose copies close standard input first: they would wait
+    for ever where a thread of the owner reads it.
+    """
 
     def __init__(self, function: Callable[[Any], Any]) -> None:
-        context = multiprocessing.get_context("fork")
         self._function, self._item = function, None
-        self._here, there = context.Pipe()
-        self._process = context.Process(
-            target=_answer, args=(there, function, os.getpid()), daemon=True
-        )
+        self._ready = False  # whether it has said that it takes items
+        owner = os.getpid()
+        self._here, there = multiprocessing.Pipe()
         with contextlib.closing(there):
-            self._process.start()
+            try:
+                with forking():
+                    self._process = os.fork()
+            except OSError:
+                self._here.close()
+                raise
+            if self._process == 0:
+                self._here.close()
+                _answer(there, function, owner)
 
     def ask(self, item: Any) -> None:
         """Give it an item; its result must be taken before the next."""
         self._item = item
-        with contextlib.suppress(OSError):  # it has died, which `result` sees
-            self._here.send(item)
+        with contextlib.suppress(OSError, EOFError):  # it has died, which `result` sees
+            if not self._ready:
+                self._ready = self._here.poll(PATIENCE) and self._here.recv()
+            if self._ready:  # what no copy reads would wait in the pipe for ever
+                self._here.send(item)
+            else:
+                self.end()
 
     def result(self) -> Any:
         """Return the result of its item, computed here if it gives none within PATIENCE."""
@@ -123,15 +138,22 @@ class _Copy:
         return self._function(item)
 
     def end(self) -> None:
-        """Kill it; nothing is sent to it then, and it gives no result."""
+        """Kill it, unless it has been killed; it gives no result then."""
         self._here.close()
-        self._process.kill()
-        self._process.join()
+        process, self._process = self._process, 0
+        if process:
+            with contextlib.suppress(OSError):
+                os.kill(process, signal.SIGKILL)
+                os.waitpid(process, 0)
 
 
-def _answer(there: Connection, function: Callable[[Any], Any], owner: int) -> None:
+def _answer(there: Connection, function: Callable[[Any], Any], owner: int) -> NoReturn:
     """Answer the items that come, in a copy; where one fails, end: the owner computes it."""
-    with contextlib.suppress(Exception):
-        if follow_owner(owner):
-            while True:
-                there.send(function(there.recv()))
+    try:
+        with contextlib.suppress(Exception):
+            if follow_owner(owner):
+                there.send(True)
+                while True:
+                    there.send(function(there.recv()))
+    finally:
+        os._exit(0)

@@ -1,12 +1,10 @@
 """Copies of the process that compute: the results of `map`, whatever becomes of a copy."""
 
-import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,8 +14,11 @@ from drift.products.files import copies
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux forks")
 
 
-def children() -> set[int]:
-    return {child.pid or 0 for child in multiprocessing.active_children()}
+def children() -> set[str]:
+    """Return the processes that this one has begun and not waited for."""
+    return set(
+        " ".join(path.read_text() for path in Path("/proc/self/task").glob("*/children")).split()
+    )
 
 
 @pytest.mark.parametrize("many", [0, 1, 2, 3, 7])
@@ -60,6 +61,37 @@ def test_what_a_copy_does_not_answer_is_computed_here(
 
 
 @linux
+def test_a_thread_that_reads_standard_input_holds_no_copy_up() -> None:
+    """As in a process of `drift serve`, which is asked through it."""
+    code = """
+import sys, threading, time
+from drift.products.files import copies
+threading.Thread(target=sys.stdin.buffer.readline, daemon=True).start()
+time.sleep(0.2)
+print(sum(map(len, copies.map_in_order(lambda item: item, [bytes(10**6)] * 3, 2))))
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as one:
+        assert one.stdout is not None
+        assert one.stdout.readline() == "3000000\n"
+        one.kill()
+
+
+@linux
+@pytest.mark.parametrize("end", ["dies", "hangs"])
+def test_a_copy_that_takes_no_item(monkeypatch: pytest.MonkeyPatch, end: str) -> None:
+    """The item is larger than what a pipe holds."""
+    before = children()
+    monkeypatch.setattr(copies, "PATIENCE", 0.2)
+    how = {"dies": lambda owner: False, "hangs": lambda owner: time.sleep(600)}
+    monkeypatch.setattr(copies, "follow_owner", how[end])
+    item = bytes(10**6)
+    assert list(copies.map_in_order(len, [item] * 5, 2)) == [10**6] * 5
+    assert children() == before
+
+
+@linux
 def test_an_error_is_that_of_this_process() -> None:
     def fails(item: int) -> float:
         return 1 / item
@@ -94,13 +126,13 @@ def lives(process: str) -> bool:
 @linux
 def test_copies_die_with_their_owner() -> None:
     code = """
-import multiprocessing, time
+import pathlib, time
 from drift.products.files import copies
 def slow(item):
     time.sleep(600)
 def items():
     yield 1
-    print(*[child.pid for child in multiprocessing.active_children()], flush=True)
+    print(*[p.read_text() for p in pathlib.Path("/proc/self/task").glob("*/children")], flush=True)
     time.sleep(600)
 list(copies.map_in_order(slow, items(), 2))
 """
@@ -119,18 +151,3 @@ def test_a_system_that_allows_no_more_processes(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(os, "fork", refused)
     assert list(copies.map_in_order(abs, range(-3, 1), 3)) == [3, 2, 1, 0]
-
-
-@linux
-def test_a_daemon_has_no_copies() -> None:
-    """A process that multiprocessing ends with its parent may have no children."""
-    here, there = multiprocessing.Pipe()
-
-    def compute(send: Callable[[list[int]], None]) -> None:
-        send(list(copies.map_in_order(abs, (-1, -2), 2)))
-
-    context = multiprocessing.get_context("fork")
-    process = context.Process(target=compute, args=(there.send,), daemon=True)
-    process.start()
-    assert here.recv() == [1, 2]
-    process.join()
