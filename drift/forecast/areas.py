@@ -41,7 +41,7 @@ class Deposits:
         return cls(cells, *(np.moveaxis(own, 0, -1) for own in amounts))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Keep the order in memory in another process, where NumPy would lay them anew."""
+        """Keep the order in memory in another process, where NumPy would choose its own."""
         amounts = self.mass, self.squares, self.scenario
         return Deposits.by_cell, (self.cells, *(np.moveaxis(own, -1, 0) for own in amounts))
 
