@@ -835,6 +835,7 @@ class Surroundings(NamedTuple):
     # slot by slot, but has a random walk and jibes of its own.
     debris: int = 0
     scheme: str = "rk4"
+    still: bool = False  # without random motion: its terms are compiled, and zero
     polar: bool = False  # whether the domain holds a pole
     guided: bool = False  # whether noise is nudged: kernels.step.guide
     shares: bool = False  # whether errors are shared with buoys: kernels.step.buoys
@@ -938,7 +939,10 @@ def mover(
     needed = (
         features(ranges, physics, place) | MEMBERS * (tiles.members > 1) | PARAMETERS * parameters
     )
-    table, changing = own.table(physics), change.NO_CHANGE
+    table, changing = (
+        own.table([Physics()] * len(physics) if place.still else physics),
+        change.NO_CHANGE,
+    )
     if any(place.changes[number] for number in own.scenarios if place.changes):
         needed |= CHANGES
         table, changing = change.with_changes(table, place.changes)

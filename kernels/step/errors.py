@@ -19,6 +19,7 @@ ROWS = (
     *("current_bias_east", "current_bias_north", "current_scale"),
 )
 CURRENT_ERROR, WIND_ERROR, CURRENT_BIAS, CURRENT_SCALE = 0, 2, 4, 6
+OF_A_STEP = ROWS[:CURRENT_BIAS]  # those that change from step to step
 # Scales of a tail beyond this one are drawn again: with 4 degrees of freedom 1 of 8,200, which would
 # hold 1.6 % of the variance.
 LARGEST_SCALE = 8.0

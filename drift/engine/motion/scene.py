@@ -197,14 +197,20 @@ class Scene:
         """Return the scene without random motion, steering and refloating.
 
         Steering is left out because it is exact for any step size. Particles on the shore stay or
-        slide.
+        slide. Random terms are zero, so that the kernel is mostly that of the run, which need not
+        be compiled twice; errors that particles have already count, unless they are set to zero.
         """
         beach = kernel.Beach(slides=self.place.beach.slides)
-        still = self.place._replace(
-            beach=beach, sinks=False, divergence=False, guided=False, shares=False, changes=()
+        place = self.place._replace(
+            beach=beach,
+            sinks=False,
+            divergence=False,
+            still=True,
+            guided=False,
+            shares=False,
+            changes=(),
         )
-        motions = tuple(Motion(model, model.still(terms)) for model, terms in self.motions)
-        return replace(self, motions=motions, place=still, steering=None, guided=None, buoys=None)
+        return replace(self, place=place, steering=None, guided=None, buoys=None)
 
     def between(
         self,

@@ -21,6 +21,7 @@ from geo.forcing.sources import Source
 from kernels.step import advance as kernel
 from kernels.step import curve
 from kernels.step.curve import CHORD
+from kernels.step.errors import OF_A_STEP
 
 Times = npt.NDArray[np.int64]  # [s since 1970]
 
@@ -272,7 +273,7 @@ class _March:
         )
         self._scene, self._run, self._origin = scene.without_noise(), run, origin
         self._clocks = {step: _stepping(run, step, origin, times) for step in steps}
-        self._trials = {step: record.sample(ensemble, chosen) for step in steps}
+        self._trials = {step: _without_errors(record.sample(ensemble, chosen)) for step in steps}
         self._stretch = int(np.lcm.reduce(steps))
         self._judged = frozenset(judged)
         self._waiting: dict[int, list[Timed]] = {step: [] for step in steps}
@@ -425,6 +426,14 @@ class _March:
         before = kept.lon, kept.lat
         lon, lat = self._inside[size](before, step.elapsed, step.duration, time)
         return lon, lat
+
+
+def _without_errors(trial: Ensemble) -> Ensemble:
+    """Set a trial's random errors of current and wind to zero; return the trial."""
+    for name in OF_A_STEP:
+        if name in trial.own:
+            trial.own[name].fill(0.0)
+    return trial
 
 
 def _distances(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:

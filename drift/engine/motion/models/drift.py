@@ -163,11 +163,6 @@ def between(
     bridge.between(ensemble, inside, diffusivity, shift, place.coast, place.polar)
 
 
-def still(terms: Physics) -> Physics:
-    """Return physics without random motion."""
-    return Physics()
-
-
 def longest(errors: Errors) -> dict[str, float]:
     """Return the longest step [s] that each error process allows: a sixth of its decorrelation
     time.
@@ -209,7 +204,6 @@ DRIFT: Model = Model(
     draw=_draw_objects,
     mover=mover,
     between=between,
-    still=still,
     longest=longest,
     usual=lambda scenario, wind: max(usual(one, wind) for one in scenario.objects),
     fastest=lambda scenario, wind, spreads: max(

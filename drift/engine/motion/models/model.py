@@ -60,8 +60,6 @@ class Model:
     # Moves positions to a time inside a step, in place; terms by scenario,
     # None for those of another model.
     between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], None]
-    # Returns terms without random motion, so that the error of a step can be measured.
-    still: Callable[[Terms], Terms]
     # Returns the longest steps [s] that the model allows, by the reason for each.
     longest: Callable[[Errors], Mapping[str, float]]
     # Returns the typical speed through the water in a wind [m/s], for the size of the domain.
