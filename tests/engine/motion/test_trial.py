@@ -41,9 +41,12 @@ def whirls(times: np.ndarray) -> Source:
     return Source("current", "whirls", grid, stamps, read, 0.0, (), "")
 
 
-def scene(source: Source, direction: int) -> Scene:
+def scene(
+    source: Source, direction: int, physics: kernel.Physics | None = None, bias: bool = False
+) -> Scene:
     forcing = Forcing([Sources({"current": (source,)})], direction)
-    return Scene(forcing, (Motion(DRIFT, kernel.Physics()),), kernel.Surroundings(EVERYWHERE))
+    surroundings = kernel.Surroundings(EVERYWHERE, bias=bias)
+    return Scene(forcing, (Motion(DRIFT, physics or kernel.Physics()),), surroundings)
 
 
 def particles() -> record.Ensemble:
@@ -115,3 +118,30 @@ def error_of_ends(times: np.ndarray, clock: Clock, step: int) -> float:
         place.forcing.close()
     days = np.maximum(clock.duration - particles().release.to_numpy(), 3600) / DAY
     return float(np.percentile(sphere.distance(*places[0], *places[1]) / days, 95))
+
+
+def test_a_trial_leaves_random_motion_out_but_not_the_bias() -> None:
+    """By scenes that have none: the same errors of steps. A run and its trial share a kernel."""
+    times = T0 + 3600 * np.arange(-30, 31, 3)
+    clock = Clock(T0 + 1234, 20 * 3600, 1, 1)
+    random = kernel.Physics(0.4, 18_000.0, 0.0, 1.0, 25.0, 1e-4)
+
+    def choose(physics: kernel.Physics, bias: float) -> step_size.Trial:
+        place, ensemble = scene(whirls(times), 1, physics, bias > 0), particles()
+        for name in ("current_error_east", "current_error_north"):
+            ensemble.own[name].fill(0.4 if physics.current_std else 0.0)
+        for name in ("current_bias_east", "current_bias_north"):
+            ensemble.own[name].fill(bias)
+        trial = step_size.choose_step(ensemble, place, clock, 10_800, T0, np.inf, 5.0, [times])
+        place.forcing.close()
+        return trial
+
+    assert choose(random, 0.0) == choose(kernel.Physics(), 0.0)
+    assert choose(random, 0.3) == choose(kernel.Physics(), 0.3)
+    assert choose(random, 0.3) != choose(random, 0.0)
+    variants = kernel._advance._primal.compiled_kernels
+    before = len(variants)
+    place = scene(whirls(times), 1, random)
+    simulate.run(particles(), place, replace(clock, step=600), np.array([clock.duration]))
+    place.forcing.close()
+    assert len(variants) == before
