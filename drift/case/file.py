@@ -5,6 +5,7 @@ can be found without opening the forcing, all at once, one per line. Shipped cas
 name.
 """
 
+import difflib
 import os
 import re
 import tomllib
@@ -314,9 +315,15 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
             ) from None
         if os.path.lexists(f"{name}.toml"):
             raise UserError(f'no case "{name}"; did you mean the file "{name}.toml"?') from None
-        names = ", ".join(name for name, _ in shipped())
+        names = [known for known, _ in shipped()]
+        beside = [str(path) for path in Path(name).parent.glob("*.toml")]
+        near = difflib.get_close_matches(str(name), [*names, *beside], 1)
+        if near:
+            raise UserError(
+                f'no case "{name}"; did you mean "{near[0]}"? See: drift cases'
+            ) from None
         raise UserError(
-            f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases'
+            f'no case "{name}": neither a file nor a shipped case ({", ".join(names)}). See: drift cases'
         ) from None
     except UnicodeDecodeError:
         raise UserError(f'"{name}" is not a case file: it is not text in UTF-8') from None

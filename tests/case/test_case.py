@@ -280,6 +280,20 @@ def test_a_folder_hides_no_shipped_case(tmp_path: Path, monkeypatch: pytest.Monk
         case_file.load("mine")
 
 
+@pytest.mark.parametrize(
+    ("typed", "meant"), [("overdue_baot", "overdue_boat"), ("fiel.toml", "file.toml")]
+)
+def test_a_name_typed_wrong_gets_the_nearest(
+    typed: str, meant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The name proposed is that of a case, of those shipped or of the files beside."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file.toml").write_text(case_file.load("overdue_boat").text)
+    with pytest.raises(UserError, match=f'no case "{typed}"; did you mean "{meant}"'):
+        case_file.load(typed)
+    assert case_file.load(meant).title.startswith("Overdue boat")
+
+
 def test_shipped_cases_are_valid(monkeypatch: pytest.MonkeyPatch) -> None:
     data = DATA
     names = [name for name, title in case_file.shipped() if title]

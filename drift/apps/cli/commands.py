@@ -94,13 +94,10 @@ def _run(argv: Sequence[str] | None) -> int:
         for line in lines:
             print(f"drift: {line}", file=sys.stderr)
         return _failed(argv, 2, lines)
-    except KeyboardInterrupt:
-        print(interrupt.INTERRUPTED, file=sys.stderr)
-        return _failed(argv, 130, [interrupt.INTERRUPTED])
+    except KeyboardInterrupt as request:
+        return _interrupted(argv, 130, interrupt.INTERRUPTED, request)
     except interrupt.Terminated as request:
-        with suppress(OSError):  # the terminal may be closed
-            print(interrupt.TERMINATED, file=sys.stderr, flush=True)
-        return _failed(argv, 128 + request.number, [interrupt.TERMINATED])
+        return _interrupted(argv, 128 + request.number, interrupt.TERMINATED, request)
     except BrokenPipeError:  # the reader closed the pipe, as in `drift objects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -127,6 +124,16 @@ def _run(argv: Sequence[str] | None) -> int:
         message = f"internal error in drift: {type(error).__name__}: {error}"
         print(f"drift: {message}", file=sys.stderr)
         return _failed(argv, 1, [message])
+
+
+def _interrupted(
+    argv: Sequence[str] | None, status: int, message: str, request: BaseException
+) -> int:
+    """Return the exit status of an interrupt; say so, with what the run has kept."""
+    line = "; ".join([message, *getattr(request, "__notes__", ())])
+    with suppress(OSError):  # the terminal may be closed
+        print(line, file=sys.stderr, flush=True)
+    return _failed(argv, status, [line])
 
 
 def _failed(argv: Sequence[str] | None, status: int, lines: list[str]) -> int:

@@ -36,6 +36,7 @@ from drift.pipeline.shards.work import (
     run_of,
 )
 from drift.products.files import hidden
+from drift.products.files.interrupt import Terminated
 from geo import notation
 from geo.errors import UserError
 from kernels.runtime import runtime
@@ -90,7 +91,7 @@ def open_shelf(
         room = shutil.disk_usage(folder).free
         _check_space(folder, need, have, room)
         _create_forcing_folder(folder / FORCING, slices, room + have - need)
-        with _lost_files_as_user_errors(work):
+        with _lost_files_as_user_errors(work), _interrupts_with_notes(work, out):
             yield work
 
 
@@ -106,6 +107,17 @@ def _lost_files_as_user_errors(work: Work) -> Iterator[None]:
         raise UserError(
             f"{path}: {error.strerror}; do not delete or change files of this folder before the results are complete; {work.kept}"
         ) from error
+
+
+@contextlib.contextmanager
+def _interrupts_with_notes(work: Work, out: Path | None) -> Iterator[None]:
+    """Add to an interrupt how many shards are stored, unless their folder is a temporary one."""
+    try:
+        yield
+    except (KeyboardInterrupt, Terminated) as interrupt:
+        if out is not None and work.any_finished:
+            interrupt.add_note(f"{work.folder}: {work.kept}")
+        raise
 
 
 def check_room(out: Path | None, need: int) -> None:

@@ -152,6 +152,11 @@ class Work:
         )
 
     @property
+    def any_finished(self) -> bool:
+        """Whether any shard is stored."""
+        return any(True for _ in self.folder.glob(INDICES))
+
+    @property
     def kept(self) -> str:
         """A message on how many shards are stored."""
         many = len(list(self.folder.glob(INDICES)))

@@ -15,10 +15,11 @@ import pytest
 import shards as runs
 
 import drift
+from drift.apps.cli import commands
 from drift.engine.particles.ensemble import Layout
 from drift.pipeline import flow
 from drift.pipeline.shards import cluster, shelf, unit, work
-from drift.products.files import hidden
+from drift.products.files import hidden, interrupt
 from kernels.runtime import runtime
 
 MARK = {"the case": "one"}
@@ -66,6 +67,39 @@ def test_errors_of_other_files_stay_theirs(tmp_path: Path) -> None:
 def test_a_folder_without_shards_says_so(tmp_path: Path) -> None:
     kept = work.Work(tmp_path, "")
     assert kept.kept == "no shard is finished and kept there: the same command starts again"
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), interrupt.Terminated()])
+@pytest.mark.parametrize(("place", "finished"), [("out", 1), ("out", 0), (None, 1)])
+def test_an_interrupt_says_what_is_kept(
+    stop: BaseException,
+    place: str | None,
+    finished: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """And the same command finds it; a temporary folder, or one without shards, keeps nothing."""
+    out = tmp_path / place if place else None
+
+    def stopped(argv: object) -> int:
+        with shelf.open_shelf(out, MARK, 0) as kept:
+            if finished:
+                with kept.also("shard-00000", 5) as reel:
+                    reel.note("values", np.arange(5.0))
+            raise type(stop)
+
+    monkeypatch.setattr(commands, "_dispatch", stopped)
+    status = commands.main([])
+    kept = (
+        f"; {tmp_path}/.out.unfinished: 1 shards are finished and kept there: the same command resumes from them"
+        if out and finished
+        else ""
+    )
+    words = {130: "interrupted", 143: "terminated on request"}[status]
+    assert capsys.readouterr().err == f"drift: {words}; no incomplete file is left{kept}\n"
+    with shelf.open_shelf(tmp_path / "out", MARK, 0) as again:
+        assert again.finished("shard-00000") == bool(kept)
 
 
 def test_a_run_begins_again_while_a_worker_deletes(
