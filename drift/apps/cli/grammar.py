@@ -154,7 +154,7 @@ def _add_case(command: argparse.ArgumentParser) -> None:
         default=[],
         dest="changes",
         metavar="KEY=VALUE",
-        help="change one value of the case, like clock.step='10 min'; list items count from 0; "
+        help="change one value of the case, like particles=20000 or clock.step='10 min'; list items count from 0; "
         "may be repeated",
     )
     command.add_argument("--seed", type=int, metavar="N", help="another seed than the case's")
