@@ -750,11 +750,22 @@ def _log_miss(
 
 
 @ti.func
-def _so_far(reads: ti.i32, shared: ti.template(), at: ti.i32) -> ti.f32:
+def _so_far(
+    reads: ti.i32,
+    sums: ti.i32,
+    shared: ti.template(),
+    growth: ti.template(),
+    f: ti.i32,
+    i: ti.i32,
+    size: ti.i32,
+) -> ti.f32:
     """Return the log of the misses before this one; 0 where none is held (`reads` is 0)."""
     before = 0.0
     if reads == 1:
-        before = shared[at]
+        if sums == 1:
+            before = -growth[f] * shared[i]
+        else:
+            before = shared[f * size + i]
     return before
 
 
@@ -768,9 +779,11 @@ def _fail(
     other: Reals,
     other_coefficient: HostReals,
     chances: HostReals,
+    growth: HostReals,
     shared: Reals,
     reads: ti.i32,
     keeps: ti.i32,
+    sums: ti.i32,
     log_weight: Reals,
     size: ti.i32,
 ):
@@ -796,10 +809,12 @@ def _fail(
                 top_before = top_after = ti.f32(-ti.math.inf)
                 mean_before = mean_after = 0.0
                 for f in range(factors):
-                    top_before = ti.max(top_before, _so_far(reads, shared, f * size + i))
+                    top_before = ti.max(
+                        top_before, _so_far(reads, sums, shared, growth, f, i, size)
+                    )
                 for again in ti.static((False, True)):
                     for f in range(factors):
-                        before = _so_far(reads, shared, f * size + i)
+                        before = _so_far(reads, sums, shared, growth, f, i, size)
                         at = i
                         if ti.static(meaning == MISS):
                             at += f * size
@@ -814,7 +829,10 @@ def _fail(
                         if ti.static(again):
                             mean_after += chances[f] * ti.exp(after - top_after)
                             if keeps == 1:
-                                shared[f * size + i] = after
+                                if sums == 0:
+                                    shared[f * size + i] = after
+                                elif f == factors - 1:  # nothing reads it any more
+                                    shared[i] = -after / growth[f]
                         else:
                             mean_before += chances[f] * ti.exp(before - top_before)
                             top_after = ti.max(top_after, after)
@@ -836,6 +854,7 @@ def fail(
     log_weight: Any,
     also: tuple[Any, np.ndarray] | None = None,
     keep: bool = True,
+    growth: np.ndarray | None = None,
 ) -> None:
     """Multiply all weights by the probability that a sortie missed each particle, in place.
 
@@ -848,15 +867,21 @@ def fail(
             without one above 0 was not searched.
         chances: probability of each factor, (factors,).
         shared: device (factors * n,), logs of the misses so far of all sorties that share the
-            unknown factor; None: there were none. Used only with several factors: the mean is taken
-            after their product.
+            unknown factor, or, with `growth`, (n,) the sum of their hazards; None: there were none.
+            Used only with several factors: the mean is taken after their product.
         log_weight: device (n,), updated.
         also: exposure while under way and its coefficients, of the same shapes; None: none.
         keep: whether `shared`, if any, takes this miss.
+        growth: (factors,), above 0: the coefficients of all these sorties are proportional to it,
+            and the meaning of each is HAZARD. None: they are of different forms.
     """
     other, by = also or (exposure, coefficient)
-    coefficients, others, each = runtime.residents(
-        *(np.asarray(x, np.float32).reshape(-1) for x in (coefficient, by, chances))
+    sums = growth is not None
+    coefficients, others, each, grown = runtime.residents(
+        *(
+            np.asarray(x, np.float32).reshape(-1)
+            for x in (coefficient, by, chances, growth if sums else chances)
+        )
     )
     _fail(
         meaning,
@@ -867,9 +892,11 @@ def fail(
         other,
         others,
         each,
+        grown,
         log_weight if shared is None else shared,  # where there is none, the kernel touches none
         int(shared is not None),
         int(shared is not None and keep),
+        int(sums),
         log_weight,
         log_weight.shape[0],
     )

@@ -44,6 +44,7 @@ class SortieByState:
         first = self._parts[0]
         self.sortie, self.begin, self.end = first.sortie, first.begin, first.end
         self.chances, self.key, self.as_flown = first.chances, first.key, first.as_flown
+        self.growth = first.growth  # states differ in sweep width and coverage alone
         self._exposed_until = self.begin
 
     @property
@@ -106,6 +107,7 @@ class SortieByState:
         shared: Any | None,
         log_weight: Any,
         keep: bool,
+        growth: Array | None,
     ) -> None:
         """Multiply weights by the probability that it has missed each particle in all its states.
 
@@ -113,10 +115,10 @@ class SortieByState:
         """
         several = len(self.chances)
         if several > 1 and not keep:  # its parts share the unknown
-            n = ensemble.n
-            shared = runtime.empty(n * several) if shared is None else runtime.copy(shared)
+            n = ensemble.n * (several if growth is None else 1)
+            shared = runtime.empty(n) if shared is None else runtime.copy(shared)
         for part, own in zip(self._parts, exposed, strict=True):
-            part.fail(ensemble, own, shared, log_weight, keep=True)
+            part.fail(ensemble, own, shared, log_weight, True, growth)
 
     def searched(self) -> Array:
         """Return the share of the sortie's time that each particle was in its area, float64 (n,)."""

@@ -339,6 +339,14 @@ class SortieExposure:
             width > 0, 1 / factors, 0.0
         )
 
+    @cached_property
+    def growth(self) -> Array | None:
+        """How its hazard grows with the factor of the sweep width, (factors,); None: it has none."""
+        if self._coefficients[0] != sweep.HAZARD:
+            return None
+        power = {sweep.ZONES: 0, sweep.INSIDE: 1, sweep.CUBE: 2}[self._kind]
+        return np.asarray(self.factors**power)
+
     def fail(
         self,
         ensemble: Ensemble,
@@ -346,16 +354,18 @@ class SortieExposure:
         shared: Device | None,
         log_weight: Device,
         keep: bool,
+        growth: Array | None,
     ) -> None:
         """Multiply weights by the probability that it has missed each particle, in place.
 
         Args:
             ensemble: the particles.
             exposed: their exposure.
-            shared: log misses so far of all sorties with the same unknown factor of sweep width;
-                None: there were none.
+            shared: the misses so far of all sorties with the same unknown factor of sweep width, as
+                kernels.evidence.sweep.fail takes them; None: there were none.
             log_weight: of the particles, changed in place.
             keep: whether `shared`, if any, takes this miss.
+            growth: of all these sorties, if it is the same: `shared` is then a sum of hazards.
         """
         meaning, coefficient = self._coefficients
         also = (
@@ -374,6 +384,7 @@ class SortieExposure:
                 log_weight,
                 also,
                 keep,
+                growth,
             )
 
     @cached_property

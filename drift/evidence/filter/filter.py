@@ -343,7 +343,7 @@ class SearchFilter:
         """
         several = len(group.chances) > 1
         shared = group.ready(self.ensemble.n) if several and keep else group.missed
-        flown.fail(self.ensemble, exposed, shared, log_weight, keep)
+        flown.fail(self.ensemble, exposed, shared, log_weight, keep, group.growth)
 
     def _apply_look(self, look: Look, time: int, place: PositionsAt) -> None:
         """Update the weights for a look, with or without a detection."""
@@ -655,15 +655,17 @@ def _groups_of(
     sorties: Sequence[Flown], reports: Sequence[tuple[int, int, Contact | Look]]
 ) -> dict[tuple[str, float], ReportGroup]:
     """Return the groups of sorties, contacts and looks that share an unknown."""
-    every = [(flown.key, flown.chances, flown.end) for flown in sorties]
+    every = [(flown.key, flown.chances, flown.end, flown.growth) for flown in sorties]
     for time, _, report in reports:
         sensor = _sensor(report)
         if sensor is not None:
-            every.append((unknown.key(sensor), unknown.values(sensor)[1], time))
+            every.append((unknown.key(sensor), unknown.values(sensor)[1], time, None))
     groups: dict[tuple[str, float], ReportGroup] = {}
-    for key, chances, time in every:
-        group = groups.setdefault(key, ReportGroup(chances, time))
+    for key, chances, time, growth in every:
+        group = groups.setdefault(key, ReportGroup(chances, time, growth))
         group.last = max(group.last, time)
+        if group.growth is not None and not np.array_equal(group.growth, growth):
+            group.growth = None
     return groups
 
 

@@ -40,7 +40,10 @@ class ReportGroup:
 
     chances: Array  # probability of each value of the unknown
     last: int  # [s after start] time of its last report
-    # (values * n,), on the device: log probability of all its reports so far; None: none yet
+    # (values,): its reports are sorties, whose hazards are all proportional to this; None: they are not
+    growth: Array | None = None
+    # On the device; None: no report yet. With `growth` (n,) the sum of hazards so far; otherwise
+    # (values * n,) the log probability of all reports so far.
     missed: Any = None
 
     @property
@@ -51,7 +54,7 @@ class ReportGroup:
     def ready(self, n: int) -> Any:
         """Return its column for n particles; create it on the first call."""
         if self.missed is None:
-            self.missed = runtime.empty(n * len(self.chances))
+            self.missed = runtime.empty(n * (len(self.chances) if self.growth is None else 1))
         return self.missed
 
     def copy(self) -> "ReportGroup":

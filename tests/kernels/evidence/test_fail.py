@@ -66,6 +66,39 @@ def test_the_mean_over_the_factor_is_taken_of_the_product_of_all_misses(meaning:
     assert np.abs(mean(logs) - wanted)[searched].max() > 1000 * TOLERANCE
 
 
+def test_hazards_that_grow_alike_are_held_as_their_sum() -> None:
+    """Three sorties in a row, each with its own coefficients; the second is not kept."""
+    growth = np.array([0.3, 1.1, 2.7], np.float32)
+    shared, weight = runtime.upload(np.zeros(N, np.float32)), runtime.upload(WEIGHT)
+    sums, wanted = np.zeros(N), WEIGHT.astype(float)
+
+    def mean(hazard: np.ndarray) -> np.ndarray:
+        logs = -growth[:, None].astype(float) * hazard
+        return special.logsumexp(logs, axis=0, b=CHANCES[:, None].astype(float))
+
+    for keep, coefficient in ((True, [0.7, 0.0]), (False, [0.2, 0.9]), (True, [1.3, 0.4])):
+        exposure = RNG.exponential(0.8, N).astype(np.float32)
+        under_way = RNG.exponential(0.2, N).astype(np.float32)
+        hazard = np.array(coefficient)[SCENARIO] * (exposure + 0.5 * under_way.astype(float))
+        table = np.outer(coefficient, growth)
+        sweep.fail(
+            runtime.upload(SCENARIO),
+            sweep.HAZARD,
+            runtime.upload(exposure),
+            table,
+            CHANCES,
+            shared,
+            weight,
+            (runtime.upload(under_way), 0.5 * table),
+            keep,
+            growth,
+        )
+        wanted += mean(sums + hazard) - mean(sums)
+        sums += hazard if keep else 0
+    np.testing.assert_allclose(weight.to_numpy(), wanted, atol=3 * TOLERANCE)
+    np.testing.assert_allclose(shared.to_numpy(), sums, rtol=6 * 2**-23)
+
+
 @pytest.mark.parametrize("meaning", [sweep.HAZARD, sweep.SHARE, sweep.MISS])
 def test_what_no_later_report_shares_is_not_held_and_changes_no_bit(meaning: int) -> None:
     exposure, _ = _exposed(meaning)

@@ -62,6 +62,8 @@ class Silent:
 class Listening:
     """One watch of a sensor in one run; times are seconds after the run's start."""
 
+    growth = None  # its misses are no function of one number for all values of its unknown
+
     def __init__(self, sortie: Sortie, start: int) -> None:
         """Set up a watch; start: of the run [s since 1970]."""
         assert sortie.sensor is not None
@@ -233,6 +235,7 @@ class Listening:
         shared: Device | None,
         log_weight: Device,
         keep: bool,
+        growth: None,
     ) -> None:
         """Multiply weights by the probability that it has missed each particle, in place.
 
@@ -243,6 +246,7 @@ class Listening:
                 it; None: there were none.
             log_weight: of the particles, changed in place.
             keep: whether `shared`, if any, takes this miss.
+            growth: None: see `growth` of the class.
         """
         ones = np.ones((len(ensemble.scenarios), len(self.factors)))
         sweep.fail(
