@@ -664,7 +664,7 @@ def _groups_of(
     for key, chances, time, growth in every:
         group = groups.setdefault(key, ReportGroup(chances, time, growth))
         group.last = max(group.last, time)
-        if group.growth is not None and not np.array_equal(group.growth, growth):
+        if group.growth is None or growth is None or (group.growth != growth).any():
             group.growth = None
     return groups
 

@@ -25,9 +25,9 @@ def _over(name, west, law, shape):
     )
 
 
-def _along(name, offset, shape):
-    """Return a sortie along a leg, by the inverse cube law."""
-    track = legs([(-4000, offset), (6000, offset + 900.0)], 0.1 + offset / 5e4, 20.0)
+def _along(name, offset, shape, begin=0.1):
+    """Return a sortie along a leg, by the inverse cube law; offset: of the leg [m]."""
+    track = legs([(-4000, offset), (6000, offset + 900.0)], begin, 20.0)
     return dataclasses.replace(
         flown(name, track, Law("inverse_cube"), 900.0), shape=shape, group="one"
     )
@@ -36,7 +36,7 @@ def _along(name, offset, shape):
 # By kind: the two sorties, and the miss of the second at a factor, of its log miss at a factor of 1.
 KINDS = {
     "two legs": (
-        lambda shape: [_along("a", 100, shape), _along("b", 2000, shape)],
+        lambda shape: [_along("a", 100, shape), _along("b", 2000, shape, 0.2)],
         lambda factor, alone: np.exp(factor**2 * alone),
     ),
     "two areas": (
@@ -46,8 +46,8 @@ KINDS = {
         ],
         lambda factor, alone: np.exp(factor * alone),
     ),
-    "leg and area": (
-        lambda shape: [_along("a", 100, shape), _over("b", WEST, Law("random"), shape)],
+    "leg after an area": (
+        lambda shape: [_along("a", 100, shape, 1.0), _over("b", WEST, Law("random"), shape)],
         lambda factor, alone: np.exp(factor * alone),
     ),
     "leg and swept area": (
