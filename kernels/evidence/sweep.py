@@ -762,7 +762,10 @@ def _so_far(
     """Return the log of the misses before this one; 0 where none is held (`reads` is 0)."""
     before = 0.0
     if reads == 1:
-        before = -growth[f] * shared[i] if sums == 1 else shared[f * size + i]
+        if sums == 1:  # noqa: SIM108 - a conditional expression could read beyond the column
+            before = -growth[f] * shared[i]
+        else:
+            before = shared[f * size + i]
     return before
 
 

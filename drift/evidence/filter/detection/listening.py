@@ -235,7 +235,7 @@ class Listening:
         shared: Device | None,
         log_weight: Device,
         keep: bool,
-        growth: None,
+        growth: Array | None,
     ) -> None:
         """Multiply weights by the probability that it has missed each particle, in place.
 
@@ -246,7 +246,7 @@ class Listening:
                 it; None: there were none.
             log_weight: of the particles, changed in place.
             keep: whether `shared`, if any, takes this miss.
-            growth: None: see `growth` of the class.
+            growth: None, as is `growth` of the class.
         """
         ones = np.ones((len(ensemble.scenarios), len(self.factors)))
         sweep.fail(
