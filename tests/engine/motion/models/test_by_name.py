@@ -51,7 +51,7 @@ def between(ensemble: Ensemble, terms: object, place: kernel.Surroundings, insid
 
 
 NORTH = Model(
-    False, (SPEED,), lambda errors, scenario: 1.0, lambda *given: None, mover, between, lambda terms: terms, lambda errors: {}, lambda *x: 9.0,
+    False, (SPEED,), lambda errors, scenario: 1.0, lambda *given: None, mover, between, lambda errors: {}, lambda *x: 9.0,
     lambda *x: 9.0,
 )  # fmt: skip
 
