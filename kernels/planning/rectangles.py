@@ -164,10 +164,8 @@ def _gains(
                         i = first + j
                         own = 2 * c * scenarios + scenario[i]
                         full = shares[j] * coverage[own] + steering[j] * coverage[own + scenarios]
-                        chance = 0.0
                         for k in range(nodes):
-                            if k == 0 or factor[k] != factor[k - 1]:
-                                chance = look(curve, full * factor[k] * steps)
+                            chance = look(curve, full * factor[k] * steps)
                             total += (
                                 before[i * nodes + k] * (worths[j] - later[i * nodes + k]) * chance
                             )
@@ -363,12 +361,13 @@ def found(
     then, (m,). coverage: (scenarios,), or by state (2, scenarios); other arguments as in `gains`.
     """
     m, padded = particles.scenario.shape[0], particles.turn.shape[0]
-    b, worth = np.zeros(padded * len(factor), np.float32), np.zeros(padded, np.float32)
+    distinct, which = np.unique(factor, return_inverse=True)
+    b, worth = np.zeros(padded * len(distinct), np.float32), np.zeros(padded, np.float32)
     read = [
         np.ascontiguousarray(v, np.float32).reshape(-1)
-        for v in (rectangle, by_state(coverage), factor, curve)
+        for v in (rectangle, by_state(coverage), distinct, curve)
     ]
     *arrays, table = runtime.residents(*read)
     edges = particles.time.shape[0]
     _found(random, edges, padded, *particles.resident[:-3], *arrays, 1 / step, table, b, worth)
-    return b.reshape(padded, -1)[:m], worth[:m]
+    return np.take(b.reshape(padded, -1)[:m], which, axis=1), worth[:m]

@@ -434,10 +434,9 @@ def _gains_drifting(
                 )
                 for j in ti.static(range(LANES)):
                     if near[j]:
-                        w, chance = width[scenario[i + j]], 0.0
+                        w = width[scenario[i + j]]
                         for k in range(nodes):
-                            if k == 0 or factor[k] != factor[k - 1]:
-                                chance = 1.0 - ti.exp(-_hazard(True, h[j], 0.0, w, w, factor[k]))
+                            chance = 1.0 - ti.exp(-_hazard(True, h[j], 0.0, w, w, factor[k]))
                             at = (i + j) * nodes + k
                             total += before[at] * (worth[j] - later[at]) * chance
         sums[cb] = total
@@ -463,12 +462,11 @@ def _found_drifting(
         i = group * LANES
         h, worth = _drifting(i, 0, node.shape[0] // 4, edges, padded, time, x, y, value, node)
         for j in ti.static(range(LANES)):
-            w, chance = width[scenario[ti.min(i + j, scenario.shape[0] - 1)]], 0.0
+            w = width[scenario[ti.min(i + j, scenario.shape[0] - 1)]]
             when[i + j] = ti.select(w > 0.0, worth[j], 0.0)
             for k in range(nodes):
-                if k == 0 or factor[k] != factor[k - 1]:
-                    chance = 1.0 - ti.exp(-_hazard(True, h[j], 0.0, w, w, factor[k]))
-                found[(i + j) * nodes + k] = chance
+                exponent = _hazard(True, h[j], 0.0, w, w, factor[k])
+                found[(i + j) * nodes + k] = 1.0 - ti.exp(-exponent)
 
 
 def _nodes(path: np.ndarray) -> np.ndarray:
@@ -551,18 +549,19 @@ def found(
     particle then, (m,). Arguments as in `gains`.
     """
     m, size = particles.scenario.shape[0], (particles.time.shape[0], particles.turn.shape[0])
-    b, worth = np.zeros(size[1] * len(factor), np.float32), np.zeros(size[1], np.float32)
+    distinct, which = np.unique(factor, return_inverse=True)
+    b, worth = np.zeros(size[1] * len(distinct), np.float32), np.zeros(size[1], np.float32)
     node, widths, factors = (
         np.ascontiguousarray(v, np.float32).reshape(-1)
-        for v in (_nodes(path), by_state(width), factor)
+        for v in (_nodes(path), by_state(width), distinct)
     )
     if table is None and particles.drifting:
         time, x, y, value, _, scenario, *_ = particles.resident
         read = runtime.residents(node, widths, factors)
         _found_drifting(*size, time, x, y, value, scenario, *read, b, worth)
-        return b.reshape(size[1], -1)[:m], worth[:m]
+        return np.take(b.reshape(size[1], -1)[:m], which, axis=1), worth[:m]
     curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
     read = runtime.residents(node, curve, widths, factors)
     bridged = len(particles.flow_x) > 0
     _found(table is None, bridged, *size, *particles.resident, *read, b, worth)
-    return b.reshape(size[1], -1)[:m], worth[:m]
+    return np.take(b.reshape(size[1], -1)[:m], which, axis=1), worth[:m]

@@ -69,6 +69,7 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
     left, later = joint.others(others, own.find.time if own else math.inf, few.nodes, few.m)
     undetected = few.weight[:, None] * left
     tried_patterns = list(_patterns(crew, few, undetected.sum(axis=1), own))
+    factor, *remaining = joint.by_factor(crew.factor, undetected, later)
     ranked: list[tuple[float, Crew, Array]] = []
     for manner in dict.fromkeys(manner for manner, _ in tried_patterns):
         # Cutting hundreds of patterns at the coast would take minutes: try them uncut, and cut only
@@ -83,9 +84,7 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
         if not which.size:
             continue
         paths = [rectangle.path(crew_in_manner, rows[k], flown, int(k)) for k in which]
-        gains = sweeps.gains(
-            few.swarm, crew.table, paths, crew.width, crew.factor, undetected, later
-        )
+        gains = sweeps.gains(few.swarm, crew.table, paths, crew.width, factor, *remaining)
         k = int(np.argmax(gains))
         ranked.append((float(gains[k]), replace(crew, manner=manner), rows[which[k]]))
     ranked.sort(key=lambda one: -one[0])

@@ -79,6 +79,27 @@ def others(finds: Sequence[Find], time: float, weight: Array, m: int) -> tuple[A
     return before, _later(later) if later else np.zeros((m, len(weight)))
 
 
+def by_factor(factor: Array, before: Array, later: Array) -> tuple[Array, Array, Array]:
+    """Return what others leave, at the distinct sweep width factors of one unit.
+
+    Joint nodes at which its factor is the same are summed up: a unit with a factor of its own has
+    three of them in a plan with 27.
+
+    Args:
+        factor: of the unit's sweep width at the joint nodes, shape (nodes,).
+        before: remaining weight, shape (m, nodes), as of `others`.
+        later: worth of what later sorties find, (m, nodes); its mean over equal factors is
+            returned, weighted with `before`.
+
+    Returns:
+        Distinct factors, shape (k,); `before` and `later` at these, shape (m, k).
+    """
+    distinct, which = np.unique(factor, return_inverse=True)
+    same = (which[:, None] == np.arange(len(distinct))).astype(np.float64)
+    left, worth = before @ same, (before * later) @ same
+    return distinct, left, np.divide(worth, left, out=np.zeros_like(left), where=left > 0)
+
+
 def _later(ordered: Sequence[Find]) -> Array:
     """Return the worth of what sorties find, in their order, shape (m, nodes)."""
     last = ordered[-1]

@@ -412,7 +412,9 @@ def _scorer(
     undetected = stage.weight[:, None] * undetected_share
     rows = draw(undetected.sum(axis=1))
     # as kernels read them, once for all rectangles
-    undetected, later = (np.ascontiguousarray(v, np.float32) for v in (undetected, later))
+    factor, undetected, later = (
+        np.ascontiguousarray(v, np.float32) for v in joint.by_factor(crew.factor, undetected, later)
+    )
     if present:
         rows = np.concatenate([present.row[None, :], rows])
     smeared = not stage.executed or crew.random
@@ -444,7 +446,7 @@ def _scorer(
                 crew.random,
                 table,
                 coverage,
-                crew.factor,
+                factor,
                 rectangle.STEP,
                 crew.curve,
                 undetected,
@@ -453,7 +455,7 @@ def _scorer(
         else:
             paths = [rectangle.path(crew, rows[k], flown, int(k)) for k in scored]
             scores[scored] = sweeps.gains(
-                stage.swarm, crew.table, paths, crew.width, crew.factor, undetected, later
+                stage.swarm, crew.table, paths, crew.width, factor, undetected, later
             )
         return np.where(
             allowed,

@@ -227,3 +227,23 @@ def test_what_one_adds_to_others_is_the_difference_of_the_whole() -> None:
         np.testing.assert_allclose(
             adds, joint.worth(finds, weight) - joint.worth(rest, weight), atol=1e-12
         )
+
+
+def test_nodes_at_which_a_unit_has_one_factor_count_together() -> None:
+    """The gain of a sortie is the sum over all joint nodes: distributive law."""
+    rng = np.random.default_rng(9)
+    units = [unit(10, 1, 1, Law("random"), name=name, shape=4.0) for name in "abc"]
+    factors, weight = joint.nodes(units)
+    assert factors.shape == (3, 27)
+    others = [joint.Find(t, rng.random((50, 27)), np.ones(50)) for t in (1.0, 3.0)]
+    others[0].chance[:5] = 1.0  # nothing is left of these
+    before, later = joint.others(others, 2.0, weight, 50)
+    worth = rng.random((50, 1))
+    for factor in factors:
+        distinct, left, rest = joint.by_factor(factor, before, later)
+        assert left.shape == rest.shape == (50, 3)
+        np.testing.assert_allclose(
+            np.sum(left * (worth - rest) * np.exp(-distinct), axis=1),
+            np.sum(before * (worth - later) * np.exp(-factor), axis=1),
+            atol=1e-14,
+        )
