@@ -31,6 +31,9 @@ NEAR = 4.0
 SEED = 20260601  # of the midpoints: the same for all legs that are compared
 # 1 / (4 pi): the hazard's coefficient is W^2 / (4 pi) (Koopman 1980, inverse cube)
 AREA = 0.07957747154594767
+# [1/m2] largest integral of a leg in a bin: finite in float32 times any square of a sweep width.
+# Right over a particle it would be infinite, and the particle's mean value undefined.
+MOST = 1e20
 
 f32x2 = sweep.f32x2
 
@@ -143,7 +146,7 @@ def _exposure(
                         ti.sqrt(a[0] * a[0] + a[1] * a[1]),
                         ti.sqrt(b[0] * b[0] + b[1] * b[1]),
                     )
-                    more = sweep.hazard(a, b, far_a, far_b)
+                    more = ti.min(sweep.hazard(a, b, far_a, far_b), MOST)
                 else:
                     ahead_a, ahead_b = (
                         -(a[0] * vx + a[1] * vy) / pace,
@@ -216,6 +219,7 @@ def _drifting(
                 angle = ti.select(dot < 0.0, cross * cross / (product - dot), product + dot)
                 length = ti.sqrt(ex * ex + ey * ey)
                 more = 0.5 * length * (far_a + far_b) / ti.max(product * angle, sweep.TINY)
+                more = ti.min(more, MOST)
                 more = ti.select((here >= 0.0) & (there >= 0.0), more, 0.0)
                 total += more
                 share = (0.5 * (now + till) - time[t]) / long

@@ -73,9 +73,10 @@ def plane(tracks: Tracks) -> Plane:
     300 km from it, lengths across are 0.04 % too long.
     """
     lon, lat = tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT
+    across = np.cos(lat)
     mean = [
         float(np.mean(v @ tracks.weight))
-        for v in (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat))
+        for v in (across * np.cos(lon), across * np.sin(lon), np.sin(lat))
     ]
     return Plane(
         float(np.arctan2(mean[1], mean[0])), float(np.arctan2(mean[2], np.hypot(mean[0], mean[1])))

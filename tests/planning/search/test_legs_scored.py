@@ -247,3 +247,19 @@ def test_nodes_at_which_a_unit_has_one_factor_count_together() -> None:
             np.sum(before * (worth - later) * np.exp(-factor), axis=1),
             atol=1e-14,
         )
+
+
+@pytest.mark.parametrize("turn", [rectangles.NEVER, 600.0])
+def test_a_leg_right_over_a_particle_detects_it(turn: float) -> None:
+    """At range 0 inverse cube detects for certain, but never what has no sweep width."""
+    still, worth = np.zeros((2, 2)), np.full((2, 2), 0.7)
+    time = np.array([0.0, 1800.0])
+    swarm = rectangles.swarm(time, still, still, worth, np.array([0, 1]), np.full(2, turn))
+    node = np.array([[0.0, -40_000, 0, 1], [1000, 40_000, 0, 1], [1800, -24_000, 0, 1]])
+    width = np.array([1500.0, 0.0])
+    chance, when = sweeps.found(swarm, None, node, width, np.ones(1))
+    np.testing.assert_array_equal(chance[:, 0], [1, 0])
+    np.testing.assert_allclose(when, [0.7, 0], rtol=1e-6)
+    left = np.ones((2, 1))
+    gain = sweeps.gains(swarm, None, [node], width, np.ones(1), left, 0 * left)
+    assert gain[0] == pytest.approx(0.7)
