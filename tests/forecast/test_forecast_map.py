@@ -208,6 +208,82 @@ def test_labels_keep_apart():
     assert any(t.get_text() == "220000Z" for t in written)
 
 
+def leaders(ax):
+    """Return the lines that lead to labels: start at the label and end, [px], (n, 2) each."""
+    trans = ax.figure.dpi / 72
+    lines = [text for text in ax.texts if not text.get_text()]
+    ends = np.array([ax.transData.transform(line.xy) for line in lines]).reshape(-1, 2)
+    return ends + trans * np.array([line.get_position() for line in lines]).reshape(-1, 2), ends
+
+
+@pytest.mark.parametrize("many", [1, 4, 13, 40])
+def test_a_label_of_an_area_touches_it_alone_or_a_line_leads_there(many):
+    """Squares and tracks that overlap more, the more they are, as sorties about one place do."""
+    figure = Figure((8, 6))
+    canvas = FigureCanvasAgg(figure)
+    ax = figure.add_axes((0.1, 0.1, 0.8, 0.8))
+    rng = np.random.default_rng(many)
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
+    shapes = [
+        rng.normal(0.5, 0.13, 2) + rng.uniform(0.03, 0.12) * square[: 2 if i % 5 == 4 else 5]
+        for i in range(many)
+    ]
+    points = [(*shape[0], f"sortie {i}", {"fontsize": 8}) for i, shape in enumerate(shapes)]
+    mark = (0.5, 0.5, "LKP", {"fontsize": 9})
+    must = set(range(1, 5)) & set(range(1, many + 1))
+    labels.place_labels(ax, canvas, [mark, *points], [], {0, *must}, dict(enumerate(shapes, 1)))
+    written = {text.get_text(): text for text in ax.texts if text.get_text()}
+    assert {"LKP", *(f"sortie {i - 1}" for i in must)} <= set(written)
+    assert len(written) >= min(many, 12)
+    boxes = {
+        name: shapely.box(*text.get_window_extent(canvas.get_renderer()).extents)
+        for name, text in written.items()
+    }
+    drawn = {
+        f"sortie {i}": (shapely.Polygon if len(shape) > 2 else shapely.LineString)(
+            ax.transData.transform(shape)
+        )
+        for i, shape in enumerate(shapes)
+    }
+    starts, ends = leaders(ax)
+    for name in written.keys() & drawn.keys():
+        touched = {other for other, area in drawn.items() if boxes[name].intersects(area)}
+        touched |= {name} if boxes[name].distance(drawn[name]) < 3 else set()
+        led = [
+            boxes[name].distance(shapely.Point(start)) < 4
+            and shapely.boundary(drawn[name]).union(drawn[name]).distance(shapely.Point(end)) < 2
+            for start, end in zip(starts, ends, strict=True)
+        ]
+        assert touched == {name} or any(led), name
+    within = shapely.box(*ax.get_window_extent().padded(1).extents)  # hinting: a pixel
+    assert not [name for name, box in boxes.items() if not within.contains(box)]
+
+
+def test_times_of_the_track_keep_apart_and_the_first_and_the_last_stay():
+    """A track that turns in a small circle, as under a tide, among sorties."""
+    made = forecast(-87.5, 28.7, spread=3000.0)
+    angle = np.linspace(0, 2 * np.pi, made.data.sizes["time"])
+    made.data["mean_lon"][:] = -87.5 + 0.01 * np.cos(angle)
+    made.data["mean_lat"][:] = 28.7 + 0.01 * np.sin(angle)
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    ring[-1] = ring[0]
+    names = [((-87.5, 28.7) + 0.03 * k * ring, f"sortie {k}") for k in range(1, 5)]
+    figure = Figure((11, 8))
+    canvas = FigureCanvasAgg(figure)
+    ax = figure.add_axes((0.055, 0.095, 0.665, 0.775))
+    here = layers.extent(made, made.data["time"].values[-1:], (), (), aspect=1.18)
+    chart.prepare(ax, here)
+    layers.track(ax, canvas, here, made, -1, (), names)
+    written = {text.get_text(): text for text in ax.texts if text.get_text()}
+    times = [notation.day_time(time) for time in made.data["time"].values]
+    assert {times[0], times[-1], *(name for _, name in names)} <= set(written)
+    assert len(set(times) & set(written)) < len(times)
+    boxes = [
+        written[name].get_window_extent(canvas.get_renderer()) for name in written if name != "N"
+    ]
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
 def test_land_is_thinned_to_the_pixel_and_keeps_holes():
     angle = np.linspace(0, 2 * np.pi, 200_001)
     lake = [(179.95, -17.05), (180.05, -17.05), (180.05, -16.95), (179.95, -16.95)]

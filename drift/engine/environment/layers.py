@@ -229,7 +229,7 @@ def buoy_tracks(buoys: Sequence[BuoyTrack], time: np.datetime64) -> Overlay:
             x, y = frame.project(own.lon[seen], own.lat[seen])
             ax.plot(x, y, zorder=6.8, **BUOY)
 
-    names = [(float(own.lon[seen][-1]), float(own.lat[seen][-1]), own.name) for own, seen in shown]
+    names = [(np.array([[own.lon[seen][-1], own.lat[seen][-1]]]), own.name) for own, seen in shown]
     places = {
         f"drifter {own.name}": [np.stack([own.lon[seen], own.lat[seen]], -1)] for own, seen in shown
     }
@@ -247,7 +247,7 @@ def reports_on_scene(reports: Sequence[PointReport], time: np.datetime64) -> Ove
             x, y = frame.project(np.array([own.lon]), np.array([own.lat]))
             ax.plot(x, y, zorder=6.8, **REPORT)
 
-    names = [(own.lon, own.lat, own.name) for own in shown]
+    names = [(np.array([[own.lon, own.lat]]), own.name) for own in shown]
     places = {f"report {own.name}": [np.array([[own.lon, own.lat]])] for own in shown}
     rows = [(Line2D([], [], **REPORT), "Wind or current reported")] if shown else []
     return Overlay(draw, places, rows, names)

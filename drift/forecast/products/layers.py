@@ -10,7 +10,7 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Colormap, ListedColormap, to_hex, to_rgb
+from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.image import PcolorImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
@@ -43,8 +43,10 @@ ROUGH: dict[str, Any] = {
     "alpha": 0.55,
 }
 BAND = 2.8  # width of a coastal band [typographic points], without its edges
+PALEST = 0.35  # opacity of the band of the outermost area
 LARGER = 1.6  # factor by which a frame may grow to include a distant place
 TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", chart.RED
+TIMES_APART = 0.06  # least distance of places on the track with a time, as a share of the map
 ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
 PARTIAL: dict[str, Any] = {
     "color": TRACK,
@@ -380,18 +382,18 @@ def _coast(
 
 
 def band(share: float, forecast: Forecast, few: bool = False, width: float = 1.0) -> dict[str, Any]:
-    """Return the style of the coast inside an area: dark for the innermost, light for the
-    outermost.
+    """Return the style of the coast inside an area: dark for the innermost, pale for the
+    outermost, through which the shoreline is seen.
     """
     style, light = (
         outline_style(share, forecast, few),
         forecast.shares.index(share) / max(len(forecast.shares) - 1, 1),
     )
-    ink = np.array(to_rgb(style["color"]))
-    middle = to_hex(tuple(ink + light * (1 - ink)))
     strokes = [
-        patheffects.Stroke(linewidth=(BAND + more) * width, foreground=colour)
-        for more, colour in ((2.6, "white"), (1.2, style["color"]), (0.0, middle))
+        patheffects.Stroke(linewidth=(BAND + 1.6) * width, foreground="white", alpha=0.4),
+        patheffects.Stroke(
+            linewidth=BAND * width, foreground=style["color"], alpha=1 - (1 - PALEST) * light
+        ),
     ]
     return {"capstyle": "round", "joinstyle": "round", "path_effects": strokes}
 
@@ -414,6 +416,22 @@ def bands(
     effects = [band(share, forecast, few, 0.9)["path_effects"] for share in found]
     symbols = [Line2D([], [], solid_capstyle="butt", path_effects=effect) for effect in effects]
     return [(symbols, f"On the coast: {', '.join(map(notation.hundredths, found))} %")]
+
+
+def small_map_key(forecast: Forecast, marks: str) -> list[tuple[Any, str]]:
+    """Return the rows of the legend of small maps: areas and marks; marks: their name, or ""."""
+    rows: list[tuple[Any, str]] = []
+    for share in forecast.ends:
+        style = outline_style(share, forecast)
+        symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
+        rows.append((symbol, f"{notation.hundredths(share)} % area"))
+    return [*rows, (mark_symbol(6, 10, 1.4), marks)] if marks else rows
+
+
+def ashore_symbol(size: float) -> Line2D:
+    """Return the legend symbol of probability ashore, of a size [points]."""
+    style: dict[str, Any] = {"color": ASHORE, "linestyle": "none", "markeredgecolor": "white"}
+    return Line2D([], [], marker="^", markersize=size, **style)
 
 
 def note(ax: Axes, texts: Sequence[str], **style: Any) -> None:
@@ -444,12 +462,11 @@ def beside(frame: Frame, at: Any, count: effective.Count) -> list[str]:
 
 def prior_line(ax: Axes, frame: Frame, line: Line, which: int, scale: float = 1.0) -> None:
     """Draw a scenario's area or trackline in the style of its number; scale: of the line width."""
-    lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
-    if line.closed:
-        lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
     style = prior_style(which)
     ax.plot(
-        *frame.project(lon, lat), zorder=8, **{**style, "linewidth": scale * style["linewidth"]}
+        *frame.project(*line.shape().T),
+        zorder=8,
+        **{**style, "linewidth": scale * style["linewidth"]},
     )
 
 
@@ -538,13 +555,12 @@ def first_complete_output(forecast: Forecast) -> int:
     return effective.released(forecast.data)
 
 
-def _spaced(times: Array, most: int) -> list[int]:
-    """Return the indices of at most `most` times, well separated, always including the last one."""
-    if len(times) <= most:
-        return list(range(len(times)))
-    least, picks = abs(times[-1] - times[0]) / (most - 1), [len(times) - 1]
-    for k in range(len(times) - 2, -1, -1):
-        if abs(times[k] - times[picks[-1]]) >= least:
+def _apart(x: Array, y: Array, least: float) -> list[int]:
+    """Return the indices of places at least `least` apart, always with the last and the first."""
+    picks = list(range(len(x)))[-1:]
+    for k in range(len(x) - 2, -1, -1):
+        near = np.hypot(x[picks] - x[k], y[picks] - y[k]) < least
+        if k == 0 or not near.any():
             picks.append(k)
     return picks[::-1]
 
@@ -556,12 +572,12 @@ def track(
     forecast: Forecast,
     time: int,
     marks: Sequence[Mark],
-    names: Sequence[tuple[float, float, str]] = (),
+    names: Sequence[tuple[Array, str]] = (),
 ) -> None:
     """Draw the mean track up to the map's time with its times, marks, names and the scale bar.
 
-    names: (lon, lat [deg], text) of other objects on the map, written where there is room, as are
-    towns and harbours. Before all releases have happened, the mean jumps with each release: that
+    names: shapes (n, 2) [deg] and texts of other objects on the map, written where there is room,
+    as are the times between the first and the last, towns and harbours. Before all releases have happened, the mean jumps with each release: that
     part of the track is thin and dotted.
     """
     data = forecast.data
@@ -590,16 +606,23 @@ def track(
                 {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"},
             )
         )
-    must = range(len(texts))
-    written = _spaced(times[picks], 12)
-    texts += [
+    written = _apart(x, y, TIMES_APART * (frame.x[1] - frame.x[0]))
+    times_of = [
         (float(x[k]), float(y[k]), notation.day_time(times[picks[k]]), small) for k in written
     ]
+    texts += times_of[-1:] + times_of[:1] * (len(times_of) > 1)
+    must = set(range(len(texts)))
     cx, cy = label_obstacles(frame, forecast, [times[last]])
     mx, my = frame.project([m.lon for m in marks], [m.lat for m in marks])
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, np.append(cx, mx), np.append(cy, my)))
-    now = len(texts) - 1
-    texts += [(*_at(frame, lon, lat), name, NAME) for lon, lat, name in names]
+    outlines: dict[int, Array] = {}
+    for shape, name in names:
+        xy = np.column_stack(frame.project(*shape.T))
+        if len(xy) > 1:
+            outlines[len(texts)] = xy
+        north = xy[np.argmax(xy[:, 1])]
+        texts.append((float(north[0]), float(north[1]), name, NAME))
+    texts += times_of[1:-1]
     towns = [
         place
         for place in gazetteer.places_in_box(frame.box())
@@ -613,7 +636,7 @@ def track(
         **TOWN,
     )
     texts += [(*_at(frame, place.lon, place.lat), place.name, TOWN_NAME) for place in towns]
-    labels.place_labels(ax, canvas, texts, [bar], must={*must, now})
+    labels.place_labels(ax, canvas, texts, [bar], must, outlines)
 
 
 def _at(frame: Frame, lon: float, lat: float) -> tuple[float, float]:

@@ -32,6 +32,7 @@ from geo.array import Array
 from geo.notation import NMI
 
 WARNED = 105  # characters in a row of warnings, which ends where the legend begins
+KEY = 2.0  # [in] width of a row of the key of small maps
 ROW = 0.03  # height of a row of warnings over the map, as a share of the page
 SHEET = Sheet(
     11.7,
@@ -96,10 +97,7 @@ def _draw_page(
     for overlay in drawn_over:
         overlay.draw(ax, frame)
     ashore = layers.ashore_marks(ax, frame, forecast, time)
-    stories = [
-        (*max(zip(line.lon, line.lat, strict=True), key=lambda at: at[1]), line.label)
-        for line in setting.lines
-    ]
+    stories = [(line.shape(), line.label) for line in setting.lines]
     names = [*stories, *(name for overlay in drawn_over for name in overlay.names)]
     layers.track(ax, on.canvas, frame, forecast, time, setting.marks, names)
 
@@ -174,21 +172,22 @@ def draw_snapshots(
     # A panel with hardly any releases says so itself: see effective.RELEASED.
     out = [i for i in picks if i >= layers.first_complete_output(forecast)]
     least, least_at = effective.fewest(forecast.data, out, setting.particles)
-    wide, gap, head, foot, side = (
-        3.0,
-        0.14,
-        1.0 + 0.3 * (bool(imprint.caution) + least.few),
-        0.5,
-        0.35,
-    )
-    key = [
+    wide, gap, side = 3.0, 0.14, 0.35
+    head = 1.0 + 0.3 * (bool(imprint.caution) + least.few)
+    key = layers.small_map_key(forecast, setting.known_as if setting.marks else "")
+    key += layers.bands(forecast, picks, forecast.ends)
+    if (
+        float(forecast.data["probability_ashore"].values[picks].sum(axis=(1, 2)).max())
+        >= labels.TINY
+    ):
+        key.append((layers.ashore_symbol(6), "Ashore"))
+    key += [
         row for overlay in overlays for row in overlay(forecast.data["time"].values[picks[-1]]).key
     ]
-    foot += 0.3 * bool(key)
-    width, height = (
-        columns * wide + (columns - 1) * gap + side + 1.1,
-        rows * (wide + 0.28) + head + foot,
-    )
+    width = columns * wide + (columns - 1) * gap + side + 1.1
+    beside = max(int((width - side) / KEY), 1)  # rows of the key in a line
+    foot = 0.4 + 0.2 * (1 + -(-len(key) // beside))
+    height = rows * (wide + 0.28) + head + foot
     on = sheet.begin_page(
         Sheet(
             width,
@@ -239,14 +238,8 @@ def draw_snapshots(
     if least.few:
         when = notation.format_dtg(forecast.data["time"].values[least_at])
         sheet.draw_rough_banner(on, effective.banner(least, "areas are rough", when))
-    if key:
-        place: dict[str, Any] = {
-            "loc": "lower left",
-            "bbox_to_anchor": (side / width, 0.3 / height),
-        }
-        sheet.legend(
-            on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place
-        )
+    place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (side / width, 0.3 / height)}
+    sheet.legend(on.figure, key, ncols=beside, fontsize=8, borderaxespad=0, borderpad=0, **place)
     log_bar(on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh)
     sheet.finish_page(on, path, imprint)
 
@@ -382,18 +375,9 @@ def _rows(
         kind = "area" if line.closed else "trackline"
         rows.append((Line2D([], [], **layers.prior_style(i)), f"Start {kind}: {line.label}"))
     if ashore >= labels.TINY:
-        triangle = Line2D(
-            [],
-            [],
-            color=layers.ASHORE,
-            linestyle="none",
-            marker="^",
-            markersize=9,
-            markeredgecolor="white",
-        )
         where = coastal.coast_in_words(forecast.data.isel(time=time))
         told = f"Ashore, {notation.percent(ashore)} in all, size by probability{'; ' if where else ''}{where}"
-        rows.append((triangle, told))
+        rows.append((layers.ashore_symbol(9), told))
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
     return rows

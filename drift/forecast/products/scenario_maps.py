@@ -165,25 +165,14 @@ def _contents(forecast: Forecast, setting: Setting, found: Sequence[OneScenario]
 def _legend_rows(panels: Sequence[OneScenario], setting: Setting) -> list[tuple[Any, str]]:
     """Return the legend: symbols and their texts."""
     every = panels[0].forecast
-    rows: list[tuple[Any, str]] = []
-    for share in every.ends:
-        style = layers.outline_style(share, every)
-        symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
-        rows.append((symbol, f"{notation.hundredths(share)} % area"))
+    rows = layers.small_map_key(every, setting.known_as if setting.marks else "")
     rows += next(
         filter(None, (layers.bands(story.forecast, [0], every.ends) for story in panels)), []
     )
     if any(
         float(story.forecast.data["probability_ashore"].sum()) >= labels.TINY for story in panels
     ):
-        rows.append(
-            (
-                Line2D([], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=6),
-                "Ashore",
-            )
-        )
-    if setting.marks:
-        rows.append((layers.mark_symbol(6, 10), setting.known_as))
+        rows.append((layers.ashore_symbol(6), "Ashore"))
     rows += [
         (Line2D([], [], **layers.prior_style(i)), f"Start: {line.label}")
         for i, line in enumerate(setting.lines)

@@ -26,6 +26,7 @@ from geo.box import Box
 from geo.notation import NMI
 
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
+LETTER = 0.62  # [em] mean width of a letter of a position
 TICK = 4.0  # length of a tick [typographic points]
 GREY, RED = "#55606b", "#c62828"  # colours of secondary text and of warnings
 POLAR = 88.0  # [deg] latitude above which a chart is centred on the pole
@@ -273,11 +274,12 @@ def graticule(
     for is_lon, labelled, shown in zip((True, False), ticks, labels, strict=True):
         _draw_ticks(ax, is_lon, [at for at, _ in labelled])
         low, high = frame.x if is_lon else frame.y
-        # keep clear of the labels of a neighbouring chart, and of the corner
-        inset = (0.1 if lines <= 3 else 0.02) * (high - low)
-        for at, text in labelled:
-            if shown and low + inset <= at <= high - inset:
-                _label_tick(ax, is_lon, at, text, size)
+        pixels = ax.bbox.width if is_lon else ax.bbox.height
+        letter = LETTER * size / 72 * ax.figure.dpi / pixels * (high - low)
+        for at, text in labelled if shown else ():
+            half = letter * len(text) / 2
+            end = -1 if at < low + half else int(at > high - half)
+            _label_tick(ax, is_lon, at, text, size, end)
 
 
 def _draw_ticks(ax: Axes, is_lon: bool, places: Sequence[float]) -> None:
@@ -301,8 +303,12 @@ def _draw_ticks(ax: Axes, is_lon: bool, places: Sequence[float]) -> None:
     )
 
 
-def _label_tick(ax: Axes, is_lon: bool, place: float, text: str, size: float) -> None:
-    """Write the label of a tick: below it, or on its left and upright."""
+def _label_tick(ax: Axes, is_lon: bool, place: float, text: str, size: float, end: int) -> None:
+    """Write the label of a tick: below it, or on its left and upright.
+
+    end: -1 near the lower end of the axis, where the label begins at the tick, to keep clear of the
+    corner and of a neighbouring chart; 1 near the upper, where it ends there; else 0.
+    """
     figure = ax.get_figure(root=True)
     assert figure is not None
     pad = -(TICK + 3.5) / 72  # [in]
@@ -311,9 +317,10 @@ def _label_tick(ax: Axes, is_lon: bool, place: float, text: str, size: float) ->
     axes = ax.get_xaxis_transform() if is_lon else ax.get_yaxis_transform()
     style: dict[str, Any] = {"fontsize": size, "color": INK, "transform": axes + away}
     if is_lon:
-        ax.text(place, 0, text, ha="center", va="top", **style)
+        ax.text(place, 0, text, ha=("center", "right", "left")[end], va="top", **style)
     else:
-        ax.text(0, place, text, ha="right", va="center", rotation=90, **style)
+        side = ("center", "top", "bottom")[end]
+        ax.text(0, place, text, ha="right", va=side, rotation=90, **style)
 
 
 def _crossing(along: Array, across: Array, edge: float) -> float | None:
@@ -372,17 +379,6 @@ def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool =
         m * 10.0**e for e in range(4, -6, -1) for m in (5, 2, 1) if m * 10.0**e <= longest
     )
     wide = length * NMI / true_scale / (x1 - x0)  # axes fraction
-    box = Rectangle(
-        corner,
-        wide + (0.13 if small else 0.09),
-        high,
-        transform=ax.transAxes,
-        facecolor="white",
-        edgecolor=INK,
-        linewidth=0.6,
-        zorder=14,
-    )
-    ax.add_patch(box)
     left, base = corner[0] + 0.03, corner[1] + 0.018
     for i in range(4):
         ax.add_patch(
@@ -397,19 +393,34 @@ def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool =
                 zorder=15,
             )
         )
-    style: dict[str, Any] = {
-        "transform": ax.transAxes,
-        "fontsize": size,
-        "color": INK,
-        "va": "bottom",
-        "zorder": 15,
-    }
-    ax.text(left, base + 0.017, "0", ha="center", **style)
-    ax.text(left + wide, base + 0.017, f"{length:g} nmi", ha="center", **style)
-    box_drawn = Bbox.from_bounds(*corner, wide + (0.13 if small else 0.09), high)
-    if small or frame.about_pole:
-        return box_drawn
-    arrow = corner[0] + wide + 0.072
+    words = ax.text(
+        left,
+        base + 0.017,
+        f"{length:g} nmi",
+        transform=ax.transAxes,
+        fontsize=size,
+        color=INK,
+        va="bottom",
+        zorder=15,
+    )
+    right = max(left + wide, words.get_window_extent().transformed(ax.transAxes.inverted()).x1)
+    with_arrow = not (small or frame.about_pole)
+    box = Bbox.from_extents(*corner, right + (0.06 if with_arrow else 0.03), corner[1] + high)
+    ax.add_patch(
+        Rectangle(
+            corner,
+            box.width,
+            box.height,
+            transform=ax.transAxes,
+            facecolor="white",
+            edgecolor=INK,
+            linewidth=0.6,
+            zorder=14,
+        )
+    )
+    if not with_arrow:
+        return box
+    arrow = right + 0.042
     ax.annotate(
         "N",
         (arrow, corner[1] + 0.068),
@@ -429,7 +440,7 @@ def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool =
             "shrinkB": 0,
         },
     )
-    return box_drawn
+    return box
 
 
 def free_corner(frame: Frame, x: Array, y: Array) -> tuple[float, float]:

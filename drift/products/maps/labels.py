@@ -1,6 +1,6 @@
 """Text on pictures: labels of points that do not overlap, and numbers and scales as text."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,17 +9,21 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.transforms import Bbox
 
+from drift.products.maps import spots
 from geo.array import Array
 from geo.notation import NMI
 
 HALO = (patheffects.withStroke(linewidth=2.5, foreground="white"),)
-LEADER = {"arrowstyle": "-", "color": "#1b2733", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2}
-# Offsets of a label from its point [typographic points], tried in this order.
-SPOTS = [
-    (radius * np.cos(np.radians(angle)), radius * np.sin(np.radians(angle)))
-    for radius in (9, 18, 30, 45)
-    for angle in (0, 180, 45, -45, 135, -135, 90, -90)
-]
+LEADER: dict[str, Any] = {
+    "arrowstyle": "-",
+    "color": "#1b2733",
+    "linewidth": 0.8,
+    "shrinkA": 0,
+    "shrinkB": 0,
+    "path_effects": [patheffects.withStroke(linewidth=2.2, foreground="white")],
+}
+ACROSS = {-1: "right", 0: "center", 1: "left"}  # alignment of a label by its side of the offset
+UP = {-1: "top", 0: "center", 1: "bottom"}
 TINY = 5e-4  # share below which a percentage would be printed as 0.0 %
 # Units of area [nmi2], from large to small.
 UNITS = (
@@ -39,8 +43,11 @@ def place_labels(
     points: Sequence[Point],
     taken: Sequence[Bbox],
     must: set[int],
+    outlines: Mapping[int, Array] | None = None,
 ) -> None:
     """Write labels beside their points; leave out a label that would cover another label or point.
+
+    The label of an area touches this area and no other labelled one, or a thin line leads to it.
 
     Args:
         ax: axes of the chart.
@@ -48,62 +55,50 @@ def place_labels(
         points: (x, y [m], text, style) of each label, most important first.
         taken: boxes that are in use [axes fraction].
         must: indices of labels that are always written, where they overlap least.
+        outlines: outlines [m] of what labels name, by index of the label, each (n, 2) with n > 1;
+            that of an area is closed.
     """
     renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
-    frame_box = ax.get_window_extent(renderer)
-    boxes = [box.transformed(ax.transAxes) for box in taken]
-    for x, y, _, _ in points:
-        px, py = ax.transData.transform((x, y))
-        boxes.append(Bbox.from_bounds(px - 5, py - 5, 10, 10))
+    chart, scale = np.array(ax.get_window_extent(renderer).extents), canvas.figure.dpi / 72
+    drawn = {i: ax.transData.transform(outline) for i, outline in (outlines or {}).items()}
+    areas = {i: spots.area(outline) for i, outline in drawn.items()}
+    at = [np.array(ax.transData.transform(point[:2])) for point in points]
+    used = [np.array(box.transformed(ax.transAxes).extents) for box in taken]
+    used += [np.concatenate([place - 5, place + 5]) for place in at]
     for i in sorted(range(len(points)), key=lambda i: (i not in must, i)):
-        options: list[tuple[int, int, Bbox]] = []
-        for k in range(len(SPOTS)):
-            label = _write(ax, points[i], k)
-            box = label.get_window_extent(renderer).padded(2)
+        x, y, text, style = points[i]
+        label = ax.annotate(
+            text,
+            (x, y),
+            (0, 0),
+            textcoords="offset points",
+            path_effects=HALO,
+            zorder=16,
+            **style,
+        )
+        size = np.array(label.get_window_extent(renderer).padded(2).size)
+        anchors = np.array([at[i], *(spots.along(drawn[i], chart) if i in drawn else ())])
+        others = [area for k, area in areas.items() if k != i]
+        spot = spots.best_spot(chart, anchors, size, np.array(used), scale, areas.get(i), others)
+        if not spot.fits and i not in must:
             label.remove()
-            inside = (
-                frame_box.x0 <= box.x0
-                and box.x1 <= frame_box.x1
-                and frame_box.y0 <= box.y0
-                and box.y1 <= frame_box.y1
+            continue
+        across, up = spot.side
+        label.xy = tuple(ax.transData.inverted().transform(spot.anchor))
+        label.set(position=spot.offset / scale, ha=ACROSS[across], va=UP[up])
+        used.append(spot.box)
+        if spot.led:
+            ax.annotate(
+                "",
+                label.xy,
+                tuple(spot.offset / scale),
+                textcoords="offset points",
+                zorder=13,
+                arrowprops=LEADER,
             )
-            options.append(
-                (sum(box.overlaps(other) for other in boxes) + (0 if inside else 100), k, box)
-            )
-            if options[-1][0] == 0:
-                break
-        clashes, k, box = min(options, key=lambda option: option[:2])
-        if clashes == 0 or i in must:
-            _write(ax, points[i], k)
-            boxes.append(box)
-            if k >= 8:  # the label is far away: a thin line leads to its point
-                ax.annotate(
-                    "",
-                    points[i][:2],
-                    SPOTS[k],
-                    textcoords="offset points",
-                    zorder=13,
-                    arrowprops=LEADER,
-                )
-
-
-def _write(ax: Axes, point: Point, spot: int) -> Any:
-    x, y, text, style = point
-    dx, dy = SPOTS[spot]
-    sides: dict[str, Any] = {
-        "ha": "left" if dx > 1 else "right" if dx < -1 else "center",
-        "va": "bottom" if dy > 1 else "top" if dy < -1 else "center",
-    }
-    return ax.annotate(
-        text,
-        (x, y),
-        (dx, dy),
-        textcoords="offset points",
-        path_effects=HALO,
-        zorder=16,
-        **sides,
-        **style,
-    )
+            many = max(int(np.hypot(*spot.offset) / 6), 2)
+            dots = spot.anchor + np.linspace(0, 1, many)[1:-1, None] * spot.offset
+            used += [np.concatenate([dot - 2, dot + 2]) for dot in dots]
 
 
 def number(value: float) -> str:

@@ -3,6 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from geo.array import Array
+
 
 @dataclass(frozen=True)
 class Mark:
@@ -24,3 +28,8 @@ class Line:
     lat: Sequence[float]
     label: str
     closed: bool = False
+
+    def shape(self) -> Array:
+        """Return its points, (n, 2) [deg]; those of an area begin and end with the same one."""
+        points = np.column_stack([self.lon, self.lat]).astype(float)
+        return np.concatenate([points, points[:1]]) if self.closed else points

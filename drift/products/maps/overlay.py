@@ -18,8 +18,8 @@ class Overlay:
     # Shapes by name, each (n, 2) [deg]; the frame should show them, else the chart says so.
     places: Mapping[str, Sequence[Array]]
     key: Sequence[tuple[Any, str]]  # symbols and texts
-    # names written at positions [deg] if there is space
-    names: Sequence[tuple[float, float, str]] = ()
+    # names of shapes (n, 2) [deg], written at their shapes if there is space; areas are closed
+    names: Sequence[tuple[Array, str]] = ()
 
 
 AtTime = Callable[[Any], Overlay]  # returns the overlay at a time, np.datetime64

@@ -17,8 +17,8 @@ from drift.products.maps.chart import INK
 FRAME = chart.frame(np.array([-71.3, -69.2]), np.array([41.1, 42.4]), aspect=1.2)
 
 
-def sheet_of_one(bounds=(0.2, 0.2, 0.7, 0.7)):
-    figure, canvas = page.figure(3.6, 3.0)
+def sheet_of_one(bounds=(0.2, 0.2, 0.7, 0.7), scale=1.0):
+    figure, canvas = page.figure(3.6 * scale, 3.0 * scale)
     ax = figure.add_axes(bounds)
     chart.prepare(ax, FRAME)
     return figure, canvas, ax
@@ -60,9 +60,52 @@ def test_ticks_of_a_chart_are_those_of_matplotlib(labels) -> None:
         axis.set_visible(True)
         axis.set_ticks(places, labels=[words.get(place, "") for place in places])
         axis.set_tick_params(labelsize=7, length=4, color=INK, labelcolor=INK)
+    ours = {text.get_text(): text for text in ax.texts}
     for text in axes.get_yticklabels():
         text.set(rotation=90, va="center")
+    for text in (*axes.get_xticklabels(), *axes.get_yticklabels()):
+        if text.get_text():
+            text.set(ha=ours[text.get_text()].get_ha(), va=ours[text.get_text()].get_va())
     np.testing.assert_array_equal(pixels(canvas), pixels(other))
+
+
+@pytest.mark.parametrize(("lines", "size"), [(5, 8.0), (3, 7.0), (2, 6.5)])
+@pytest.mark.parametrize("shift", np.linspace(0, 1, 9))
+def test_every_tick_has_a_label_that_ends_with_the_chart(lines, size, shift) -> None:
+    _, canvas, ax = sheet_of_one(scale=2.5 if lines > 3 else 1.0)
+    lon, lat = np.array([-71.3, -69.2]) + shift, np.array([41.1, 42.4]) + shift
+    here = chart.frame(lon, lat, aspect=1.2)
+    chart.prepare(ax, here)
+    chart.graticule(ax, here, lines=lines, size=size)
+    ticks = sum(len(line.get_xdata()) for line in ax.lines)
+    assert ticks == len(ax.texts) >= 2
+    own = ax.get_window_extent()
+    for text in ax.texts:
+        box = text.get_window_extent(canvas.get_renderer())
+        if text.get_rotation():
+            assert own.y0 - 3 <= box.y0 < box.y1 <= own.y1 + 3
+        else:
+            assert own.x0 - 3 <= box.x0 < box.x1 <= own.x1 + 3
+    boxes = [text.get_window_extent(canvas.get_renderer()) for text in ax.texts]
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
+@pytest.mark.parametrize("small", [False, True])
+@pytest.mark.parametrize("wide", np.geomspace(0.001, 30, 12))
+def test_words_of_a_scale_bar_keep_apart_in_its_box(wide, small) -> None:
+    _, canvas, ax = sheet_of_one(scale=1.0 if small else 2.5)
+    here = chart.frame(np.array([0, wide]), np.array([10, 10 + wide]), aspect=1.2)
+    chart.prepare(ax, here)
+    box = chart.scale_bar(ax, here, (0.015, 0.015), small=small).transformed(ax.transAxes)
+    words = {text.get_text(): text.get_window_extent(canvas.get_renderer()) for text in ax.texts}
+    assert sum(text.endswith(" nmi") for text in words) == 1
+    texts = [
+        text.get_tightbbox(canvas.get_renderer()) for text in ax.texts if text.get_text() != "N"
+    ]
+    assert all(box.x0 < one.x0 < one.x1 < box.x1 for one in texts)
+    assert all(box.y0 < one.y0 < one.y1 < box.y1 for one in texts)
+    written = [*words.values()]
+    assert not any(a.overlaps(b) for i, a in enumerate(written) for b in written[:i])
 
 
 def test_shading_of_a_mercator_chart_is_that_of_a_mesh() -> None:

@@ -27,6 +27,7 @@ from drift.evidence.posterior import map as posterior_map
 from drift.evidence.suspend import map as suspend_map
 from drift.forecast import likeliest
 from drift.forecast.products import layers
+from drift.products.maps import chart
 from drift.spills.backtrack import map as backtrack_map
 from drift.spills.worlds.products import map as spill_map
 from drift.tracking.bridges import map as bridge_map
@@ -91,6 +92,15 @@ def strokes(*styles: dict[str, Any]) -> list[tuple[str, Any]]:
     ]
 
 
+def over_land(strokes: Any) -> str:
+    """Return the colour of strokes on top of each other over land."""
+    colour = np.array(to_rgb(chart.LAND))
+    for stroke in strokes:
+        alpha = stroke._gc["alpha"]
+        colour = (1 - alpha) * colour + alpha * np.array(to_rgb(stroke._gc["foreground"]))
+    return str(matplotlib.colors.to_hex(colour))
+
+
 def fills(*styles: dict[str, Any]) -> list[tuple[str, Any]]:
     return [(style["facecolor"], style.get("hatch", "")) for style in styles]
 
@@ -105,7 +115,7 @@ GROUPS: dict[str, tuple[list[tuple[str, Any]], tuple[float, float]]] = {
         LINE,
     ),
     "coast in areas": (
-        [(layers.band(share, SimpleNamespace(shares=SHARES))["path_effects"][-1]._gc["foreground"], "") for share in SHARES],
+        [(over_land(layers.band(share, SimpleNamespace(shares=SHARES))["path_effects"]), "") for share in SHARES],
         BAND,
     ),
     "scenarios with maps of their own": (strokes(*(layers.prior_style(k) for k in range(likeliest.MOST))), LINE),

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -79,29 +78,23 @@ def reminder(
         for what in heard:
             sensor(ax, frame, what, LIGHT)
 
-    named = [(*_beside(points), name) for name, points in _named(begun, seen, heard)]
+    named = _named(begun, seen, heard)
     places_of = places(seen, begun) | sensor_places(heard)
     return Overlay(draw, places_of, key(begun, seen, LIGHT) + sensor_key(heard, LIGHT), named)
 
 
 def _named(
     sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sequence[Sensor]
-) -> list[tuple[str, Array]]:
-    """Return the names of sorties, contacts and sensors with one shape (n, 2) [deg] of each."""
+) -> list[tuple[Array, str]]:
+    """Return one shape (n, 2) [deg] of each sortie, contact and sensor, with its name."""
     named = []
     for flown in sorties:
         ring = search_shapes.searched(flown)
         legs = [points for searching, points in search_shapes.flown(flown) if searching]
         if ring is not None or legs:
-            named.append((flown.name, ring if ring is not None else legs[0]))
-    named += [(contact.name, search_shapes.contact(contact)[0][1]) for contact in contacts]
-    return named + [(what.name, search_shapes.sensor(what)) for what in sensors]
-
-
-def _beside(points: Array) -> tuple[float, float]:
-    """Return the northernmost point of a shape [deg]."""
-    top = points[np.argmax(points[:, 1])]
-    return float(top[0]), float(top[1])
+            named.append((ring if ring is not None else legs[0], flown.name))
+    named += [(search_shapes.contact(contact)[0][1], contact.name) for contact in contacts]
+    return named + [(search_shapes.sensor(what), what.name) for what in sensors]
 
 
 def sortie(ax: Axes, frame: Frame, flown: Sortie, time: Any, *, light: bool = False) -> None:

@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.path import Path as Outline
 
 from drift.evidence.filter.products import layers as search_layers
@@ -69,7 +68,9 @@ def plot_searches(
         page: number of the page, from 1.
         sensors: of the case.
     """
-    on_page = sorties[(page - 1) * A_PAGE : page * A_PAGE]
+    # as numbered: each counts when it ends
+    in_order = sorted(sorties, key=lambda sortie: sortie.end)
+    on_page = in_order[(page - 1) * A_PAGE : page * A_PAGE]
     outputs = [[_index(forecast, time) for time in _moments(sortie)] for sortie in on_page]
     part = replace(forecast, data=forecast.data.isel(time=np.unique(outputs)))
     times = list(part.data["time"].values)
@@ -189,7 +190,7 @@ def _contents(
         )
     else:
         parts = [
-            f"{many} sorties that found nothing, in order of start"
+            f"{many} sorties that found nothing, in order of end"
             if many > 1
             else "One sortie that found nothing"
         ]
@@ -320,12 +321,7 @@ def _key(
     marked: bool,
 ) -> None:
     """Draw the legend under the maps."""
-    for share in forecast.ends:
-        style = layers.outline_style(share, forecast)
-        symbol = Line2D([], [], **{**style, "linewidth": 0.6 * style["linewidth"]})
-        rows.append((symbol, f"{notation.hundredths(share)} % area"))
-    if marked:
-        rows.append((layers.mark_symbol(6, 10, 1.4), "Position known or reported"))
+    rows += layers.small_map_key(forecast, "Position known or reported" if marked else "")
     sheet.legend(
         figure,
         rows,

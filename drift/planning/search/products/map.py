@@ -215,6 +215,7 @@ def _plan(
 ) -> None:
     """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar."""
     texts: list[labels.Point] = []
+    outlines: dict[int, Array] = {}
     busy = list(layers.label_obstacles(frame, forecast, [forecast.data["time"].values[i]]))
     for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
         for points in subareas.transits(tasking):
@@ -236,6 +237,7 @@ def _plan(
         line(ax, frame, around, style, 8.5)
         x, y = frame.project(around[:, 0], around[:, 1])
         busy = [np.append(busy[0], x), np.append(busy[1], y)]
+        outlines[len(texts)] = np.column_stack([x, y])
         if tasking.sortie.legs is not None:
             creep(ax, frame, tasking)
         x, y = frame.project(*subareas.begin(tasking))
@@ -272,7 +274,7 @@ def _plan(
             )
     texts += _base_labels_at_edge(frame, plan)
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, *busy))
-    labels.place_labels(ax, canvas, texts, [bar], must=set(range(must)))
+    labels.place_labels(ax, canvas, texts, [bar], set(range(must)), outlines)
 
 
 def line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], zorder: float) -> None:
@@ -392,13 +394,7 @@ def _legend(
     if marks:
         rows.append((layers.mark_symbol(7, 11), "Position known or reported"))
     if ashore >= labels.TINY:
-        style = {"color": layers.ASHORE, "linestyle": "none", "markeredgecolor": "white"}
-        rows.append(
-            (
-                Line2D([], [], marker="^", markersize=8, **style),
-                f"Ashore, {notation.percent(ashore)}",
-            )
-        )
+        rows.append((layers.ashore_symbol(8), f"Ashore, {notation.percent(ashore)}"))
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
     rows += more

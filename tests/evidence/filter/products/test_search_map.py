@@ -70,7 +70,7 @@ def test_pages_hold_four_sorties_and_off_times_are_told(tmp_path, search, words)
         forecast, many, (), updates, tmp_path / "search-2.png", SETTING, page=2
     )
     assert "Towed array" in words  # it has no update, and so no number
-    assert "Page 2 of 2   ·   5 sorties that found nothing, in order of start" in words
+    assert "Page 2 of 2   ·   5 sorties that found nothing, in order of end" in words
     assert "before 221230Z (+180 min)" in words  # no output is nearer to its start at 0930Z
 
 
