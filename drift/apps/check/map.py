@@ -19,9 +19,9 @@ SHEET = Sheet(
     8.0,
     140,
     left=0.04,
-    title=sheet.heading(0.955, 15, 95),
+    title=sheet.heading(0.955, 15),
     lines=(Row(0.925, 10),),
-    footer=sheet.small(0.012, 7.5, 190),
+    footer=sheet.small(0.012, 7.5),
 )
 MAP = (0.04, 0.075, 0.93, 0.83)  # left, bottom, width, height, of the page
 

@@ -50,19 +50,18 @@ def plot_reach(
     width = 2 * (WIDE + 0.55) + 0.3 if has_excess else WIDE + 1.1
     height = HIGH + TOP + 1.55
     left = 0.55 / width
-    characters = 105 if has_excess else 48
     page_drawn = sheet.begin_page(
         Sheet(
             width,
             height,
             140,
             left=left,
-            title=sheet.heading(1 - 0.36 / height, 15, 0.85 * characters),
+            title=sheet.heading(1 - 0.36 / height, 15),
             lines=(
-                Row(1 - 0.60 / height, 10, 1.3 * characters),
-                *(Row(1 - at / height, 8.5, 1.5 * characters) for at in (0.79, 0.96)),
+                Row(1 - 0.60 / height, 10),
+                *(Row(1 - at / height, 8.5) for at in (0.79, 0.96)),
             ),
-            footer=sheet.small(0.1 / height, 7.5, 1.7 * characters),
+            footer=sheet.small(0.1 / height, 7.5),
         )
     )
     question = found.question

@@ -47,9 +47,9 @@ def plot_track(
             HEIGHT,
             130,
             left=MAP[0],
-            title=sheet.heading(1 - 0.4 / HEIGHT, 15, 95),
-            lines=(Row(1 - 0.68 / HEIGHT, 10, 150),),
-            footer=sheet.small(0.1 / HEIGHT, 7.5, 190),
+            title=sheet.heading(1 - 0.4 / HEIGHT, 15),
+            lines=(Row(1 - 0.68 / HEIGHT, 10),),
+            footer=sheet.small(0.1 / HEIGHT, 7.5),
         )
     )
     study = found.held.study

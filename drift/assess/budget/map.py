@@ -30,11 +30,10 @@ CHART = Sheet(
     7.0,
     130,
     left=0.035,
-    title=sheet.heading(0.945, 14, 110),
-    beside=80,
-    lines=(Row(0.905, 10.5, 170),),
+    title=sheet.heading(0.945, 14),
+    lines=(Row(0.905, 10.5),),
     caution=Badge(0.985, 0.945, side="right"),
-    footer=sheet.small(0.015, 7, 240),
+    footer=sheet.small(0.015, 7),
 )
 PANEL_WIDE, PANEL_HIGH, PANEL_LOW = 0.455, 0.6, 0.215
 MOST_PANELS = 2  # smallest and largest area
@@ -51,11 +50,10 @@ def plot_budget(found: Budget, path: Path, imprint: Imprint) -> None:
             height,
             130,
             left=0.03,
-            title=sheet.heading(1 - 0.4 / height, 15, 75),
-            beside=55,
-            lines=(Row(1 - 0.68 / height, 11, 150), sheet.small(1 - 0.92 / height, 9, 170)),
+            title=sheet.heading(1 - 0.4 / height, 15),
+            lines=(Row(1 - 0.68 / height, 11), sheet.small(1 - 0.92 / height, 9)),
             caution=Badge(0.985, 1 - 0.4 / height, side="right"),
-            footer=sheet.small(0.1 / height, 7, 200),
+            footer=sheet.small(0.1 / height, 7),
         )
     )
     greatest = found.greatest

@@ -33,11 +33,10 @@ SHEET = Sheet(
     6.6,
     130,
     left=0.035,
-    title=sheet.heading(0.945, 14, 110),
-    beside=80,
-    lines=(Row(0.9, 10.5, 190), Row(0.865, 9, 200)),
+    title=sheet.heading(0.945, 14),
+    lines=(Row(0.9, 10.5), Row(0.865, 9)),
     caution=Badge(0.985, 0.945, side="right"),
-    footer=sheet.small(0.015, 7, 240),
+    footer=sheet.small(0.015, 7),
 )
 WIDE, HIGH, LOW = 0.3, 0.575, 0.225  # of a panel, and its lower edge
 LEFT = (0.035, 0.36, 0.685)

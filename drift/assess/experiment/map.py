@@ -45,9 +45,9 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
             height,
             130,
             left=0.03,
-            title=sheet.heading(1 - 0.4 / height, 15, 95),
-            lines=(Row(1 - 0.68 / height, 10, 150),),
-            footer=sheet.small(0.1 / height, 7.5, 190),
+            title=sheet.heading(1 - 0.4 / height, 15),
+            lines=(Row(1 - 0.68 / height, 10),),
+            footer=sheet.small(0.1 / height, 7.5),
         )
     )
     sheet.write_head(
@@ -110,9 +110,9 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
             height,
             130,
             left=0.07,
-            title=sheet.heading(1 - 0.4 / height, 15, 95),
-            lines=(Row(1 - 0.68 / height, 10, 150),),
-            footer=sheet.small(0.1 / height, 7.5, 190),
+            title=sheet.heading(1 - 0.4 / height, 15),
+            lines=(Row(1 - 0.68 / height, 10),),
+            footer=sheet.small(0.1 / height, 7.5),
         )
     )
     study = outcome.study

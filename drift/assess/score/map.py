@@ -19,9 +19,9 @@ SHEET = Sheet(
     6.2,
     120,
     left=0.05,
-    title=sheet.heading(0.935, 15, 90),
-    lines=(Row(0.885, 11, 150),),
-    footer=sheet.small(0.02, 7, 170),
+    title=sheet.heading(0.935, 15),
+    lines=(Row(0.885, 11),),
+    footer=sheet.small(0.02, 7),
 )
 
 

@@ -26,9 +26,9 @@ SHEET = Sheet(
     8.3,
     120,
     left=0.05,
-    title=sheet.heading(0.955, 15, 90),
-    lines=(Row(0.922, 12), sheet.small(0.895, 9, 150)),
-    footer=sheet.small(0.02, 7, 170),
+    title=sheet.heading(0.955, 15),
+    lines=(Row(0.922, 12), sheet.small(0.895, 9)),
+    footer=sheet.small(0.02, 7),
 )
 
 

@@ -52,12 +52,11 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
             height,
             120,
             left=0.28 / width,
-            title=sheet.heading(1 - 0.4 / height, 14, (width - 0.5) / 0.118),
-            beside=(width - 4.7) / 0.118,
-            lines=(Row(1 - 0.68 / height, 9.5, width * 12),),
+            title=sheet.heading(1 - 0.4 / height, 14),
+            lines=(Row(1 - 0.68 / height, 9.5),),
             caution=Badge(1 - 0.2 / width, 1 - 0.4 / height, side="right"),
             rough=Badge(3.3 / width, 1 - 0.86 / height, 8),
-            footer=sheet.small(0.09 / height, 7, width * 15),
+            footer=sheet.small(0.09 / height, 7),
         )
     )
     sheet.write_head(on, setting.imprint, ranking.words)

@@ -23,12 +23,11 @@ SHEET = Sheet(
     6.4,
     120,
     left=0.02,
-    title=sheet.heading(0.945, 14, 95),
-    beside=75,
+    title=sheet.heading(0.945, 14),
     lines=(Row(0.903, 10.5),),
     caution=Badge(0.985, 0.95, side="right"),
     rough=Badge(0.0225, 0.862),
-    footer=sheet.small(0.015, 7, 210),
+    footer=sheet.small(0.015, 7),
 )
 BOX = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}  # behind words on a panel
 NOW = "#a33b20"
@@ -51,7 +50,7 @@ def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> Non
             on, effective.banner(suspension.count, "every figure here is rough")
         )
     for words in missing_survival_warning(suspension):
-        sheet.write_line(on, sheet.warning(0.825, 9, 160, "center"), words)
+        sheet.write_line(on, sheet.warning(0.825, 9, "center"), words)
     panels = [_alive, _left, _further] if suspension.mortal else [_left, _further]
     wide, high = (
         (0.265, 0.54) if suspension.mortal else (0.43, 0.56)
@@ -61,7 +60,7 @@ def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> Non
     ):
         panel(figure.add_axes((left, 0.2, wide, high)), suspension)
     _legend(figure, suspension)
-    sheet.write_line(on, Row(0.055, 8, 230, colour=GREY, va="center"), _note(suspension))
+    sheet.write_line(on, Row(0.055, 8, colour=GREY, va="center"), _note(suspension))
     sheet.finish_page(on, path, imprint, f"Suspend: {imprint.title}")
 
 

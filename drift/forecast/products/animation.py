@@ -27,12 +27,11 @@ SHEET = Sheet(
     8.4,
     100,
     left=0.07,
-    title=sheet.heading(0.955, 14, 80),
-    beside=45,
+    title=sheet.heading(0.955, 14),
     lines=(Row(0.92, 12), Row(0.89, 9)),
     caution=Badge(0.985, 0.955, side="right"),
     rough=Badge(0.07, 0.855),
-    footer=sheet.small(0.012, 7, 150),
+    footer=sheet.small(0.012, 7),
 )
 FLOWN: dict[str, Any] = {"color": "#0d3b2e", "linewidth": 0.8}
 MAP = (0.07, 0.07, 0.8, 0.77)  # left, bottom, width, height of the page

@@ -39,12 +39,11 @@ SHEET = Sheet(
     8.3,
     140,
     left=0.055,
-    title=sheet.heading(0.955, 15, 95),
-    beside=60,
+    title=sheet.heading(0.955, 15),
     lines=(Row(0.92, 12), Row(0.888, 9)),
     caution=Badge(0.985, 0.955, side="right"),
     rough=Badge(0.058, 0.884 - ROW, 11),
-    footer=sheet.small(0.015, 7.5, 190),
+    footer=sheet.small(0.015, 7.5),
 )
 
 
@@ -108,7 +107,7 @@ def _draw_page(
     if count.few:
         sheet.draw_rough_banner(on, effective.banner(count))
     for k, text in enumerate(warnings, 1 + count.few):
-        sheet.write_line(on, sheet.warning(0.879 - ROW * k, 9.5, 130), text)
+        sheet.write_line(on, sheet.warning(0.879 - ROW * k, 9.5), text)
     rows = _rows(forecast, setting, time, outlines, ashore, land is not None, count.few)
     rows += [row for overlay in drawn_over for row in overlay.key]
     _legend(on.figure, rows)
@@ -194,11 +193,11 @@ def draw_snapshots(
             height,
             130,
             left=side / width,
-            title=sheet.heading(1 - 0.36 / height, 12, width * 9),
-            lines=(Row(1 - 0.62 / height, 8, width * 15),),
+            title=sheet.heading(1 - 0.36 / height, 12),
+            lines=(Row(1 - 0.62 / height, 8),),
             caution=Badge(side / width, 1 - 0.9 / height, 8),
             rough=Badge(side / width, 1 - (0.9 + 0.3 * bool(imprint.caution)) / height, 8),
-            footer=sheet.small(0.1 / height, 7, width * 17),
+            footer=sheet.small(0.1 / height, 7),
         )
     )
     times = [forecast.data["time"].values[i] for i in picks]

@@ -53,11 +53,11 @@ def plot_scenarios(
             height,
             130,
             left=SIDE / width,
-            title=sheet.heading(1 - 0.36 / height, 12, width * 9),
-            lines=(Row(1 - 0.62 / height, 8, width * 15),),
+            title=sheet.heading(1 - 0.36 / height, 12),
+            lines=(Row(1 - 0.62 / height, 8),),
             caution=Badge(SIDE / width, 1 - 0.9 / height, 8),
             rough=Badge(SIDE / width, 1 - (0.9 + 0.3 * bool(imprint.caution)) / height, 8),
-            footer=sheet.small(0.1 / height, 7, width * 17),
+            footer=sheet.small(0.1 / height, 7),
         )
     )
     reach = [

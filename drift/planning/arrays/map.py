@@ -71,11 +71,10 @@ def plot_processing(
             height,
             120,
             left=0.02,
-            title=sheet.heading(1 - 0.38 / height, 14, 95),
-            beside=75,
-            lines=tuple(Row(1 - (0.64 + 0.2 * k) / height, 9.5, 165) for k in range(len(head))),
+            title=sheet.heading(1 - 0.38 / height, 14),
+            lines=tuple(Row(1 - (0.64 + 0.2 * k) / height, 9.5) for k in range(len(head))),
             caution=Badge(0.985, 1 - 0.38 / height, side="right"),
-            footer=sheet.small(0.07 / height, 7, 210),
+            footer=sheet.small(0.07 / height, 7),
         )
     )
     sheet.write_head(sheet_page, imprint, *head)

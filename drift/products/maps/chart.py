@@ -276,10 +276,17 @@ def graticule(
         low, high = frame.x if is_lon else frame.y
         pixels = ax.bbox.width if is_lon else ax.bbox.height
         letter = LETTER * size / 72 * ax.figure.dpi / pixels * (high - low)
-        for at, text in labelled if shown else ():
+        spans: list[tuple[float, float]] = []
+        last = len(labelled) - 1
+        # from the middle: a label at an end gives way to its neighbour
+        for k in sorted(range(len(labelled)), key=lambda k: k in (0, last)) if shown else ():
+            at, text = labelled[k]
             half = letter * len(text) / 2
             end = -1 if at < low + half else int(at > high - half)
-            _label_tick(ax, is_lon, at, text, size, end)
+            middle = at - end * half
+            if all(abs(middle - one) > half + other for one, other in spans):
+                _label_tick(ax, is_lon, at, text, size, end)
+                spans.append((middle, half))
 
 
 def _draw_ticks(ax: Axes, is_lon: bool, places: Sequence[float]) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
@@ -104,9 +105,10 @@ def shorten_names(texts: Sequence[str], characters: float) -> list[str]:
     return [found[text] for text in texts]
 
 
-def banner(figure: Figure, x: float, y: float, side: str, size: float, text: str) -> None:
-    """Draw a caution in white on red at x, y [page fraction], aligned at `side`."""
-    figure.text(
+def banner(figure: Figure, x: float, y: float, side: str, size: float, text: str) -> Bbox:
+    """Draw a caution in white on red at x, y [page fraction], aligned at `side`; return its box."""
+    pad = 0.35
+    words = figure.text(
         x,
         y,
         text,
@@ -114,5 +116,6 @@ def banner(figure: Figure, x: float, y: float, side: str, size: float, text: str
         weight="bold",
         color="white",
         ha=side,
-        bbox={"facecolor": RED, "edgecolor": "none", "boxstyle": "square,pad=0.35"},
+        bbox={"facecolor": RED, "edgecolor": "none", "boxstyle": f"square,pad={pad}"},
     )
+    return words.get_window_extent().padded(pad * size / 72 * figure.dpi)

@@ -1,11 +1,11 @@
 """The layout of a picture's page: title, lines, footer and banners, which every picture has.
 
 Positions are fractions of the page from its lower left corner; font sizes are points. A text longer
-than the number of characters that fit is shortened.
+than its room is written smaller; one that would be too small to read is cut.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +13,27 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
+from matplotlib.transforms import Bbox
 
 from drift.products.maps import labels, page
 from drift.products.maps.chart import GREY, INK, RED
 from drift.products.maps.imprint import Imprint
 
+RIGHT = 0.985  # right end of a text, as a share of the page's width
+GAP = 0.012  # between a text and a banner, likewise
+SMALLEST, LEAST = 0.65, 5.5  # of a text that is written smaller: share of its size, and size
+
 
 @dataclass(frozen=True)
 class Row:
-    """A line of text at the left margin; letters: number of characters that fit, None: any."""
+    """A line of text at the left margin; right: where its room ends."""
 
     y: float
     size: float
-    letters: float | None = None
     weight: str = "normal"
     colour: str = INK
     va: str = "baseline"
+    right: float = RIGHT
 
 
 @dataclass(frozen=True)
@@ -54,8 +59,6 @@ class Sheet:
     footer: Row
     caution: Badge | None = None  # banner with the limits of a result; None: not shown
     rough: Badge | None = None  # banner on few effective particles; None: not shown
-    # characters of a title with a caution to its right; None: as without one
-    beside: float | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,7 @@ class Page:
     sheet: Sheet
     figure: Figure
     canvas: FigureCanvasAgg
+    banners: list[Bbox] = field(default_factory=list)  # boxes [px] of those drawn
 
 
 def begin_page(sheet: Sheet) -> Page:
@@ -73,42 +77,56 @@ def begin_page(sheet: Sheet) -> Page:
 
 
 def write_line(on: Page, row: Row, text: str) -> None:
-    """Write a line of text at the left margin."""
-    words = text if row.letters is None else page.fit(text, row.letters)
+    """Write a line of text at the left margin, in the room up to its end or to a banner."""
     style: dict[str, Any] = {
         "fontsize": row.size,
         "weight": row.weight,
         "color": row.colour,
         "va": row.va,
     }
-    on.figure.text(on.sheet.left, row.y, words, **style)
+    line = on.figure.text(on.sheet.left, row.y, text, **style)
+    box = line.get_window_extent()
+    wide = on.figure.bbox.width
+    beside = [
+        banner.x0 - GAP * wide
+        for banner in on.banners
+        if banner.x0 > box.x0 and banner.y0 < box.y1 and banner.y1 > box.y0
+    ]
+    room = min([row.right * wide, *beside]) - box.x0
+    if box.width <= room:
+        return
+    smallest = max(SMALLEST * row.size, min(LEAST, row.size))
+    line.set_fontsize(max(0.99 * row.size * room / box.width, smallest))
+    kept = len(text)
+    while kept > 1 and (over := line.get_window_extent().width / room) > 1:
+        kept = min(int(kept / over), kept - 1)
+        whole_words = text[:kept].rpartition(" ")[0]
+        line.set_text(f"{(whole_words or text[:kept]).rstrip()} …")
 
 
-def warning(y: float, size: float, letters: float | None = None, va: str = "baseline") -> Row:
+def warning(y: float, size: float, va: str = "baseline") -> Row:
     """Return the style of a warning line: bold and red."""
-    return Row(y, size, letters, "bold", RED, va)
+    return Row(y, size, "bold", RED, va)
 
 
-def heading(y: float, size: float, letters: float | None = None) -> Row:
+def heading(y: float, size: float) -> Row:
     """Return the style of a bold line."""
-    return Row(y, size, letters, "bold")
+    return Row(y, size, "bold")
 
 
-def small(y: float, size: float, letters: float | None = None) -> Row:
+def small(y: float, size: float) -> Row:
     """Return the style of secondary text, such as a footer: grey."""
-    return Row(y, size, letters, colour=GREY)
+    return Row(y, size, colour=GREY)
 
 
 def write_head(on: Page, imprint: Imprint, *lines: str) -> None:
     """Write the title, the lines under it, and the caution as a banner."""
-    sheet, title = on.sheet, on.sheet.title
-    if imprint.caution and sheet.beside is not None:
-        title = Row(title.y, title.size, sheet.beside, title.weight, title.colour, title.va)
-    write_line(on, title, imprint.title)
-    for row, text in zip(sheet.lines, lines, strict=True):
-        write_line(on, row, text)
+    sheet = on.sheet
     if imprint.caution and sheet.caution is not None:
         _banner(on, sheet.caution, imprint.caution)
+    write_line(on, sheet.title, imprint.title)
+    for row, text in zip(sheet.lines, lines, strict=True):
+        write_line(on, row, text)
 
 
 def draw_rough_banner(on: Page, text: str) -> None:
@@ -118,7 +136,8 @@ def draw_rough_banner(on: Page, text: str) -> None:
 
 
 def _banner(on: Page, badge: Badge, text: str) -> None:
-    page.banner(on.figure, badge.x, badge.y, badge.side, badge.size, text)
+    box = page.banner(on.figure, badge.x, badge.y, badge.side, badge.size, text)
+    on.banners.append(box)
 
 
 def write_footer(on: Page, imprint: Imprint) -> None:

@@ -78,11 +78,11 @@ SHEET = Sheet(
     8.3,
     140,
     left=MAP[0],
-    title=sheet.heading(0.955, 15, 95),
+    title=sheet.heading(0.955, 15),
     lines=(Row(0.922, 12), Row(0.892, 9.5)),
     caution=Badge(RIGHT, 0.922, side="right"),
     rough=Badge(MAP[0] + 0.003, 0.877 - ROW),
-    footer=sheet.small(0.017, 7.5, 190),
+    footer=sheet.small(0.017, 7.5),
 )
 
 

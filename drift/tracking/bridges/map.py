@@ -36,9 +36,9 @@ SHEET = Sheet(
     8.3,
     140,
     left=MAP[0],
-    title=sheet.heading(0.955, 15, 95),
-    lines=(Row(0.918, 11, 120),),
-    footer=sheet.small(0.017, 7.5, 190),
+    title=sheet.heading(0.955, 15),
+    lines=(Row(0.918, 11),),
+    footer=sheet.small(0.017, 7.5),
 )
 BLUE = "#0b4f8a"
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))

@@ -90,12 +90,11 @@ def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
             height,
             120,
             left=0.02,
-            title=sheet.heading(1 - 0.4 / height, 14, 95),
-            beside=75,
+            title=sheet.heading(1 - 0.4 / height, 14),
             lines=(Row(1 - 0.68 / height, 9.5),),
             caution=Badge(0.985, 1 - 0.4 / height, side="right"),
             rough=Badge(0.0225, 1 - 1.0 / height),
-            footer=sheet.small(0.07 / height, 7, 210),
+            footer=sheet.small(0.07 / height, 7),
         )
     )
     figure = on.figure

@@ -132,9 +132,7 @@ def plot_searches(
         when = notation.format_dtg(forecast.data["time"].values[least_at])
         sheet.draw_rough_banner(on, effective.banner(least, "areas and shares are rough", when))
     if out:
-        sheet.write_line(
-            on, sheet.warning(1 - (0.93 + 0.3 * least.few) / size[1], 9, size[0] * 12), out
-        )
+        sheet.write_line(on, sheet.warning(1 - (0.93 + 0.3 * least.few) / size[1], 9), out)
     _key(
         on.figure,
         size,
@@ -165,12 +163,11 @@ def _sheet(width: float, height: float) -> Sheet:
         height,
         130,
         left=LEFT / width,
-        title=sheet.heading(1 - 0.37 / height, 13, 100),
-        beside=68,
+        title=sheet.heading(1 - 0.37 / height, 13),
         lines=(Row(1 - 0.63 / height, 9),),
         caution=Badge(1 - 0.15 / width, 1 - 0.37 / height, 9, "right"),
         rough=Badge(LEFT / width, 1 - 0.93 / height, 9),
-        footer=sheet.small(0.12 / height, 7, width * 17),
+        footer=sheet.small(0.12 / height, 7),
     )
 
 

@@ -3,7 +3,6 @@
 import math
 import textwrap
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +47,6 @@ BASE: dict[str, Any] = {
 }
 ROW = 0.03  # height of a row of warnings over the map, as a share of the page
 FIGURES = 2.72  # [em] width of "0.12  "
-TITLED = 0.65  # right end of a title beside a warning, as a share of the page's width
 LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
 SHEET = Sheet(
     11.7,
@@ -56,10 +54,10 @@ SHEET = Sheet(
     140,
     left=0.055,
     title=sheet.heading(0.955, 15),
-    lines=(sheet.heading(0.92, 12.5), Row(0.887, 9.5, 120)),
+    lines=(sheet.heading(0.92, 12.5), Row(0.887, 9.5, right=0.66)),
     caution=Badge(0.985, 0.96, side="right"),
     rough=Badge(0.058, 0.876 - ROW),
-    footer=sheet.small(0.012, 7.5, 190),
+    footer=sheet.small(0.012, 7.5),
 )
 
 
@@ -139,23 +137,7 @@ def _write_head(on: Page, plan: Plan, time: str, setting: Setting) -> None:
     imprint = setting.imprint
     when = f"Probability at {time}, given that all searches until then have failed"
     many = "" if setting.particles is None else f"   ·   {setting.particles:,} particles"
-    title = _shorten_title(on, imprint.title, TITLED if imprint.caution else 0.985)
-    sheet.write_head(
-        on, replace(imprint, title=title), f"Plan: {plan_text.worth(plan)}", when + many
-    )
-
-
-def _shorten_title(on: Page, title: str, right: float) -> str:
-    """Return a title, cut if it would reach beyond a place on the page."""
-    renderer = on.canvas.get_renderer()  # type: ignore[no-untyped-call]
-    row = on.sheet.title
-    tried = on.figure.text(on.sheet.left, row.y, title, fontsize=row.size, weight=row.weight)
-    words = title.split()
-    while len(words) > 1 and tried.get_window_extent(renderer).x1 > right * on.figure.bbox.width:
-        words.pop()
-        tried.set_text(f"{' '.join(words)} …")
-    tried.remove()
-    return str(tried.get_text())
+    sheet.write_head(on, imprint, f"Plan: {plan_text.worth(plan)}", when + many)
 
 
 def nearest(forecast: Forecast, plan: Plan) -> int:

@@ -29,7 +29,7 @@ from drift.planning.search.products.map import BASE, POINT
 from drift.planning.search.products.subareas import Waypoint
 from drift.planning.search.records import Plan, Tasking
 from drift.products.files import text_sheet
-from drift.products.maps import chart, labels, page, sheet
+from drift.products.maps import chart, labels, sheet
 from drift.products.maps.chart import INK, Frame
 from drift.products.maps.imprint import Imprint
 from drift.products.maps.sheet import Badge, Row, Sheet
@@ -43,10 +43,10 @@ SHEET = Sheet(  # A4
     150,
     left=0.06,
     title=sheet.heading(0.962, 17),
-    lines=(Row(0.943, 9.5, 100), Row(0.928, 9.5)),
+    lines=(Row(0.943, 9.5), Row(0.928, 9.5)),
     caution=Badge(0.95, 0.968, 8.5, "right"),
     rough=Badge(0.95, 0.945, 8.5, "right"),
-    footer=sheet.small(0.012, 6.5, 150),
+    footer=sheet.small(0.012, 6.5),
 )
 MAP = (0.085, 0.535, 0.865, 0.37)  # of the page
 INSET = (0.665, 0.30, 0.285, 0.20)
@@ -119,12 +119,12 @@ def plot_unit_sheet(
     way = subareas.route(name, tasking)
     on = sheet.begin_page(SHEET)
     figure = on.figure
-    head = f"{name}  {page.fit(tasking.unit.name, 40)}" + (f", page {number}" if number > 1 else "")
+    head = f"{name}  {tasking.unit.name}" + (f", page {number}" if number > 1 else "")
     on_scene = f"{notation.format_dtg(tasking.on_scene)} to {plan_map.short(tasking.off_scene)}"
     when = f"On scene {on_scene}. Times are UTC, directions true."
-    sheet.write_head(on, replace(imprint, title=head), imprint.title, when)
     if plan_text.rough(plan):
         sheet.draw_rough_banner(on, "Few particles: areas and POS are rough")
+    sheet.write_head(on, replace(imprint, title=head), imprint.title, when)
     if number == 1:
         land = np.array(list(polygons), dtype=object)
         _chart(figure, on.canvas, tasking, way, land)

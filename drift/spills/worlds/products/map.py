@@ -49,11 +49,11 @@ SHEET = Sheet(
     9.4,
     140,
     left=0.03,
-    title=sheet.heading(0.966, 15, 95),
+    title=sheet.heading(0.966, 15),
     lines=(Row(0.939, 11.5), Row(0.9155, 9)),
     caution=Badge(0.967, 0.917, side="right"),
     rough=Badge(0.0325, 0.878 - ROW),
-    footer=sheet.small(0.012, 7.5, 190),
+    footer=sheet.small(0.012, 7.5),
 )
 MAP = (0.46, 0.405)  # width and height of a map, of the figure
 LEFT, RIGHT = 0.03, 0.03 + MAP[0] + 0.02  # where the maps begin
@@ -207,9 +207,9 @@ def plot_washup(
     if count.few:
         sheet.draw_rough_banner(on, effective.banner(count, "numbers, ranges and times are rough"))
     for k, line in enumerate(warned):
-        sheet.write_line(on, sheet.warning(0.879 - LINE * k, 7.5, LETTERS, "center"), line)
+        sheet.write_line(on, sheet.warning(0.879 - LINE * k, 7.5, "center"), line)
     if silence:
-        sheet.write_line(on, sheet.small(0.0245, 7.5, 230), f"Assumed: {silence}")
+        sheet.write_line(on, sheet.small(0.0245, 7.5), f"Assumed: {silence}")
     sheet.finish_page(on, path, setting.imprint)
 
 
