@@ -132,6 +132,20 @@ def test_areas_on_the_coast_are_seen_over_the_land(lon):
             assert (np.abs(up - colour).max(axis=1) < 0.02).sum() >= layers.BAND / 72 * 140 - 2
 
 
+def test_the_shoreline_is_seen_through_the_coast_of_the_outermost_area():
+    """Two strokes over land and over the shoreline keep more than a third of their difference."""
+    land, shore = np.array(to_rgb(chart.LAND)), np.array(to_rgb(chart.SHORE))
+    made = SimpleNamespace(shares=SHARES)
+    kept = [
+        np.prod([1 - stroke._gc["alpha"] for stroke in layers.band(share, made)["path_effects"]])
+        for share in sorted(SHARES)
+    ]
+    assert kept[0] == 0
+    assert np.all(np.diff(kept) > 0)
+    assert kept[-1] > 1 / 3
+    assert np.abs(kept[-1] * (land - shore)).max() > 1 / 8
+
+
 def test_the_report_tells_each_area_of_the_coast_at_its_times():
     data = xr.concat(
         [

@@ -21,7 +21,7 @@ from drift.forecast import build as forecast_build
 from drift.forecast.products import layers
 from drift.forecast.products import map as forecast_map
 from drift.forecast.products import words as forecast_words
-from drift.products.maps import chart, field, labels
+from drift.products.maps import chart, field, labels, page
 from drift.products.maps.imprint import Imprint, Setting
 from drift.products.maps.marks import Line, Mark
 from geo import notation, sphere
@@ -83,6 +83,26 @@ def test_pictures_anywhere_and_at_any_size(tmp_path, lon, lat, spread):
     forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", setting)
     assert size(tmp_path / "map.png") == (1638, 1162)
     assert min(size(tmp_path / "snapshots.png")) > 500
+
+
+@pytest.mark.parametrize("many", [1, 5])
+def test_small_maps_have_a_key_clear_of_their_other_texts(tmp_path, monkeypatch, many):
+    figures = []
+    monkeypatch.setattr(page, "save", lambda canvas, *rest, **more: figures.append(canvas.figure))
+    made = forecast(-87.5, 28.7)
+    made = replace(made, data=made.data.isel(time=slice(-many, None)))
+    setting = Setting(Imprint("t", footer="casp-drift"), marks=[Mark(-87.5, 28.7)])
+    forecast_map.draw_snapshots(made, tmp_path / "a.png", setting)
+    (figure,) = figures
+    (key,) = figure.legends
+    rows = [text.get_text() for text in key.get_texts()]
+    assert rows[:3] == ["50 % area", "95 % area", "Last known position"]
+    assert "Ashore" in rows
+    box = key.get_window_extent()
+    assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+    ticks = [text for ax in figure.axes for text in ax.texts if text.get_text()]
+    others = [text.get_window_extent() for text in (*figure.texts, *ticks)]
+    assert not any(box.overlaps(other) for other in others)
 
 
 def test_pictures_of_nothing(tmp_path):

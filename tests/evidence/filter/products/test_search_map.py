@@ -74,6 +74,20 @@ def test_pages_hold_four_sorties_and_off_times_are_told(tmp_path, search, words)
     assert "before 221230Z (+180 min)" in words  # no output is nearer to its start at 0930Z
 
 
+def test_sorties_stand_in_the_order_of_their_numbers(tmp_path, search, words):
+    """One that starts first and ends last comes last, as in the evidence."""
+    forecast, sorties, _, updates = search
+    flown = sorted(sorties, key=lambda sortie: sortie.end)
+    long = replace(flown[-1], start=flown[0].start - np.timedelta64(1, "h"))
+    search_map.plot_searches(
+        forecast, [long, *flown[:-1]], (), updates, tmp_path / "a.png", SETTING, page=1
+    )
+    names = "|".join(re.escape(sortie.name) for sortie in sorties)
+    numbers = [int(text.split()[0]) for text in words if re.fullmatch(rf"\d+ +({names})", text)]
+    assert len(numbers) == len(sorties)
+    assert numbers == sorted(numbers)
+
+
 @pytest.mark.thorough
 def test_pictures_anywhere(tmp_path):
     """Far north, and across the antimeridian."""
