@@ -199,7 +199,9 @@ def piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step):
     w = noise.further(seed0, seed1, noise.STREAM_COAST, slot, step, 2 * j)
     left = ti.cast(pieces - j, ti.f32)
     dlon, dlat = rest_lon, rest_lat
-    if j < pieces - 1:
+    if j < pieces - 1 and v == 0.0:  # as without a walk
+        dlon, dlat = rest_lon // (pieces - j), rest_lat // (pieces - j)
+    elif j < pieces - 1:
         n = noise.normals(w[0], w[1]) * ti.sqrt(v * (left - 1.0) / left)
         dlon = ti.cast(
             ti.round(ti.cast(rest_lon, ti.f32) / left + n[0] / (c * ti.f32(METRES))), ti.i32

@@ -170,6 +170,37 @@ def test_sliding_with_diffusion_is_reflected_brownian_motion(step: int) -> None:
         assert apart < 1.95 / np.sqrt(n)  # Kolmogorov's 0.1 % point
 
 
+@pytest.mark.parametrize("slides", [False, True])
+def test_a_walk_that_is_off_changes_no_bit(slides: bool) -> None:
+    """Against a kernel without walks: paths that meet a shore of many corners, or slide along it."""
+    beach, random, n = kernel.Beach(slides=slides), np.random.default_rng(4), 2000
+    corners = np.linspace(-1.4, 1.4, 700)
+    zigzag = np.column_stack([random.uniform(-0.004, 0.004, corners.size), corners])
+    shore = land(shapely.Polygon([(1.4, 1.4), (1.4, -1.4), *zigzag]))
+    lat = sphere.to_binary(random.uniform(-0.4, 0.4, n))
+
+    def drifted(physics: kernel.Physics, still: bool) -> list[np.ndarray]:
+        ensemble, _ = drift_on(
+            shore,
+            (0.31, 0.17),
+            n,
+            (-3000 * METRE, 0.1),
+            14_400,
+            3600,
+            physics=physics,
+            prepare=lambda ensemble: ensemble.lat.from_numpy(lat),
+            beach=beach,
+            still=still,
+        )
+        columns = ensemble.lon, ensemble.lat, ensemble.status, ensemble.status_since
+        return [column.to_numpy() for column in columns]
+
+    without = drifted(kernel.Physics(), False)
+    off = drifted(kernel.Physics(diffusivity=20.0), True)
+    assert all(map(np.array_equal, off, without))
+    assert not np.array_equal(without[0], drifted(kernel.Physics(diffusivity=20.0), False)[0])
+
+
 def test_what_sinks_does_so_at_its_time_and_nowhere_else() -> None:
     n = 1000
     times = np.arange(n, dtype=np.int32) * 100
