@@ -85,20 +85,24 @@ def write_line(on: Page, row: Row, text: str) -> None:
         "va": row.va,
     }
     line = on.figure.text(on.sheet.left, row.y, text, **style)
-    box = line.get_window_extent()
-    wide = on.figure.bbox.width
+    box, wide = line.get_window_extent(), on.figure.bbox.width
     beside = [
         banner.x0 - GAP * wide
         for banner in on.banners
         if banner.x0 > box.x0 and banner.y0 < box.y1 and banner.y1 > box.y0
     ]
     room = min([row.right * wide, *beside]) - box.x0
-    if box.width <= room:
-        return
-    smallest = max(SMALLEST * row.size, min(LEAST, row.size))
-    line.set_fontsize(max(0.99 * row.size * room / box.width, smallest))
+
+    def excess() -> float:
+        return float(line.get_window_extent().width / room)
+
+    size, smallest = row.size, max(SMALLEST * row.size, min(LEAST, row.size))
+    # a text of half the size may be a little wider than half: letters fit whole pixels
+    while size > smallest and (over := excess()) > 1:
+        size = max(0.99 * size / over, smallest)
+        line.set_fontsize(size)
     kept = len(text)
-    while kept > 1 and (over := line.get_window_extent().width / room) > 1:
+    while kept > 1 and (over := excess()) > 1:
         kept = min(int(kept / over), kept - 1)
         whole_words = text[:kept].rpartition(" ")[0]
         line.set_text(f"{(whole_words or text[:kept]).rstrip()} …")
