@@ -247,7 +247,7 @@ def _simulate_in_shards(
         deal = (
             None
             if job.client is None
-            else partial(cluster.check_shard_starts, job.client, job.case, mark)
+            else partial(cluster.check_shard_starts, job.client, job.case, job.opened, mark)
         )
         divided = divide.prepare(job.case, job.where, many, deal)
     stack.enter_context(contextlib.closing(divided.setup.scene.forcing))

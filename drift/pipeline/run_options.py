@@ -105,7 +105,8 @@ class Options:
 class Job:
     """A case, its opened environment, a stopwatch, a progress callback and an output folder."""
 
-    case: Case
+    case: Case  # the one asked for, or one derived from it: a plan's, say, whose sorties are flown
+    opened: Case  # the one asked for, whose environment is open
     where: Environment
     clock: Stopwatch
     tell: ProgressCallback
@@ -150,6 +151,7 @@ def open_job(case: Case, options: Options = Options(), common: Common | None = N
     with clock.phase("read"):
         where = run_setup.open_for(case, options.datasets, common=common)
     return Job(
+        case,
         case,
         where,
         clock,

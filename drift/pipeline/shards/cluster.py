@@ -228,13 +228,19 @@ def _stored(kept: Work) -> str:
 
 
 def check_shard_starts(
-    client: Any, case: Case, mark: Mapping[str, str], clock: Clock, layouts: Sequence[Layout]
+    client: Any,
+    case: Case,
+    opened: Case,
+    mark: Mapping[str, str],
+    clock: Clock,
+    layouts: Sequence[Layout],
 ) -> list[Begun]:
     """Compute `drift.pipeline.shards.divide.check_shard_start` of each shard on the workers.
 
     Args:
         client: the client of the cluster.
         case: the case of the run.
+        opened: the case whose environment it has: see drift.pipeline.run_options.Job.
         mark: the run's fingerprint.
         clock: the steps of the run.
         layouts: the particles of each shard.
@@ -243,7 +249,9 @@ def check_shard_starts(
     with _lost_cluster_as_error(stored):
         check(client)
         tasks = [
-            client.submit(worker.begun, case, dict(mark), clock, part, pure=False, retries=0)
+            client.submit(
+                worker.begun, case, opened, dict(mark), clock, part, pure=False, retries=0
+            )
             for part in layouts
         ]
         found = dict(_finished_tasks(client, tasks, stored))

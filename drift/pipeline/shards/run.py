@@ -138,6 +138,7 @@ def _units(job: Job, run: Divided, kept: Work, progress: _RunProgress) -> list[U
     return [
         Unit(
             job.case,
+            job.opened,
             run.setup.clock,
             part,
             number,

@@ -70,6 +70,11 @@ class Unit:
     buoys: Buoys | None = None  # errors at the drifting buoys
 
     @property
+    def opened(self) -> Case:
+        """The case whose environment the run has."""
+        return self.case
+
+    @property
     def n(self) -> int:
         """Number of particles."""
         return self.layout.bounds[-1]

@@ -44,6 +44,7 @@ class Unit:
     """A stretch of a shard: a `drift.pipeline.shards.work.Task`."""
 
     case: Case
+    opened: Case  # whose environment the run has: see drift.pipeline.run_options.Job
     clock: Clock
     layout: Layout
     number: int  # of the shard

@@ -46,6 +46,10 @@ class Task(Protocol):
         """The case of the run."""
 
     @property
+    def opened(self) -> Case:
+        """The case whose environment the run has: see drift.pipeline.run_options.Job."""
+
+    @property
     def number(self) -> int:
         """Number of its shard."""
 

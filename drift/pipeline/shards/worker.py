@@ -67,17 +67,19 @@ def move(folder: str, mark: Mapping[str, str], unit: work.Task) -> str:
         unit: the shard.
     """
     with runtime.alone():
-        where, scene = _open_once(unit.case, mark)
+        where, scene = _open_once(unit.case, unit.opened, mark)
         kept = work.Work(Path(folder), work.run_of(mark))
         environment.share_slices(where, kept.forcing)
         unit.move(scene, where, None, kept)
     return unit.name
 
 
-def begun(case: Case, mark: Mapping[str, str], clock: Clock, layout: Layout) -> divide.Begun:
+def begun(
+    case: Case, opened: Case, mark: Mapping[str, str], clock: Clock, layout: Layout
+) -> divide.Begun:
     """Return `drift.pipeline.shards.divide.check_shard_start` of a shard, computed on this worker."""
     with runtime.alone():
-        where, scene = _open_once(case, mark)
+        where, scene = _open_once(case, opened, mark)
         return divide.check_shard_start(case, where, scene, clock, layout)
 
 
@@ -104,18 +106,18 @@ def release() -> None:
         _open.clear()
 
 
-def _open_once(case: Case, mark: Mapping[str, str]) -> tuple[Environment, Scene]:
+def _open_once(case: Case, opened: Case, mark: Mapping[str, str]) -> tuple[Environment, Scene]:
     """Return the environment and scene of a run, opened at the first call; start Taichi.
 
-    The caller holds the lock of `runtime.alone`. Raises UserError if the machine's or the files'
+    opened: the case whose environment the run has. The caller holds the lock of `runtime.alone`. Raises UserError if the machine's or the files'
     fingerprint differs from the run's.
     """
     runtime.start(threads=1)
     _check(mark, _machine())
-    key = f"{work.run_of(mark)} {hash(pickle.dumps(case))}"
+    key = f"{work.run_of(mark)} {hash(pickle.dumps((case, opened)))}"
     if key not in _open:
         release()
-        where = run_setup.open_for(case)
+        where = run_setup.open_for(opened)
         _check(mark, fingerprint.fingerprint_of(case, where, int(mark[work.NUMBER])))
         coast = device_coast.upload(where.coast) if where.coast else None
         _open[key] = where, run_setup.scene_of(case, where, coast)

@@ -151,7 +151,9 @@ def test_a_worker_that_comes_late_is_asked_too(client: Any, case: drift.Case) ->
         ("the forcing", "another"),
         ("the coast", "none"),
     ):
-        told = client.submit(worker.begun, case, {**mark, name: other}, None, None, pure=False)
+        told = client.submit(
+            worker.begun, case, case, {**mark, name: other}, None, None, pure=False
+        )
         with pytest.raises(
             drift.UserError, match=f"{name} differs from the machine where the run was started"
         ):

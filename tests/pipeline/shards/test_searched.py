@@ -246,6 +246,27 @@ def test_a_plan_is_scored_in_shards_as_in_one_piece(tmp_path: Path) -> None:
     assert not (tmp_path / f".out{hidden.UNFINISHED}").exists()
 
 
+@pytest.mark.thorough
+def test_a_plan_on_workers_is_that_of_one_process(client: Any, tmp_path: Path) -> None:
+    """Its forecast ends with the plan, before the run would: a built-in wind over the reach of a
+    shorter run is another, as would be the part of a file.
+    """
+    text = runs.FEWER + runs.SEARCHED + UNIT
+    for old, new in (
+        ('duration = "5 h"', 'duration = "7 h"'),
+        ("domain = { west = -0.6, south = -0.6, east = 0.5, north = 0.6 }\n", ""),
+        ('constant = { speed = "9 m/s", from = 250 }', 'name = "breeze"\nanalytic = "breeze"'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    case = load(tmp_path, text)
+    assert case.plan.until < case.period.end
+    plan, whole = drift.plan(case)
+    again, cut = drift.plan(case, tmp_path / "out", client=client)
+    assert told(plan) == told(again)
+    same(whole, cut)
+
+
 def test_a_case_changed_in_python_is_another(tmp_path: Path) -> None:
     """Its text is that of the file: what is kept of the file's run is none of its own."""
     case = runs.searched(tmp_path)
