@@ -20,7 +20,7 @@ EXAMPLES = """examples:
   drift export overdue_boat-forecast kml
   drift new search my_case.toml
   drift run my_case.toml --out results --set clock.step='10 min' --set scenario.0.weight=0.3
-  drift compare overdue_boat --set-b wind.0.constant.speed='25 kn'
+  drift compare overdue_boat --set-b uncertainty.wind.std='4 m/s'
   drift fetch my_case.toml --dry-run
   drift objects raft deep ballast
   drift fit-bridge ships.csv --every '6 h' --min-speed '5 kn' --hold-out

@@ -188,6 +188,9 @@ def test_what_else_could_be_done_stands_beside_the_plan_on_the_same_particles():
     assert "finds 0.030 +- 0.010 more than this plan" in " ".join(head.split())
     assert "nearer than 2 nmi to each other" in " ".join(head.split())
     assert "the plan is WORSE by 0.030 +- 0.010" in " ".join(tail.split())
+    level = replace(better, alternatives=(replace(near, difference=-0.0004, standard_error=0.001),))
+    told = " ".join(plan_text.plan_text(level, "Overdue boat", "run-s1").split())
+    assert "the plan is as good within the error of sampling (by 0.000 +- 0.001)" in told
     chance = replace(better, alternatives=(replace(near, standard_error=0.02),))
     assert plan_text.warnings(chance, synthetic=False) == []
 

@@ -256,12 +256,9 @@ def key(
         sortie.legs is not None and any(sortie.legs.searching) and not _is_stationary(sortie)
         for sortie in sorties
     ):
-        rows.append(
-            (
-                symbol(LEGS),
-                "Legs as planned" if all(s.planned for s in sorties) else "Legs as flown",
-            )
-        )
+        planned = {sortie.planned for sortie in sorties}
+        how = "planned" if planned == {True} else "flown or planned" if True in planned else "flown"
+        rows.append((symbol(LEGS), f"Legs as {how}"))
     if any(sortie.legs is not None and not all(sortie.legs.searching) for sortie in sorties):
         rows.append((symbol(TRANSIT), "Not searching"))
     if any(sortie.watch is not None for sortie in sorties):

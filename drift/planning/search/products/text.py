@@ -396,14 +396,17 @@ def _alternatives(plan: Plan) -> list[str]:
     """Return the section on alternatives."""
     lines = [f"   {plan.seen:.3f}  this plan"]
     for other in plan.alternatives:
-        gap = "better" if other.difference >= 0 else "WORSE"
-        by = f"{abs(other.difference):.3f} +- {other.standard_error:.3f}"
+        by = f"by {abs(other.difference):.3f} +- {other.standard_error:.3f}"
+        if abs(other.difference) < 2 * other.standard_error:
+            gap = f"as good within the error of sampling ({by})"
+        else:
+            gap = f"{'better' if other.difference > 0 else 'WORSE'} {by}"
         near = (
             ""
             if other.apart
             else f" (nearer to each other than {plan.spec.separation / NMI:.3g} nmi)"
         )
-        beside = "this is the plan" if other.same else f"the plan is {gap} by {by}"
+        beside = "this is the plan" if other.same else f"the plan is {gap}"
         lines += paragraph(f"{other.value:.3f}  {other.name}{near}; {beside}", 3, 10)
     return lines
 

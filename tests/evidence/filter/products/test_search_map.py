@@ -128,6 +128,13 @@ def test_only_sorties_begun_are_on_the_map(tmp_path, search, words):
     forecast_map.draw_map(forecast, tmp_path / "b.png", Setting(Imprint("t")), overlays=searched)
     assert "Searched area" in words
     assert "Legs as flown" in words
+    ahead = [partial(search_layers.reminder, [sorties[0], *planned_too(sorties[1:])], ())]
+    forecast_map.draw_map(forecast, tmp_path / "c.png", Setting(Imprint("t")), overlays=ahead)
+    assert "Legs as flown or planned" in words
+
+
+def planned_too(sorties):
+    return [replace(sortie, planned=True) for sortie in sorties]
 
 
 def test_no_searches_change_no_pixel(tmp_path, search):
