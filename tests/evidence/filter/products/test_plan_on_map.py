@@ -73,7 +73,7 @@ def test_labels_of_a_plan_keep_apart(tmp_path, search, figures):
         replace(one, unit=replace(one.unit, base=base, return_to=base))
         for one, base in zip(plan.taskings, far, strict=True)
     ]
-    title = "A title that goes on and on until it meets a warning, Gulf of Mexico and beyond"
+    title = f"A title that goes on {'and on ' * 15}until it meets a warning"
     plan = replace(plan, taskings=tuple(taskings))
     plan_map.plot_plan(
         search[0], plan, tmp_path / "a.png", Setting(replace(CAUTIONED, title=title))
