@@ -102,7 +102,8 @@ def test_the_story_of_a_first_case(browser: Any, served: Server) -> None:
         report.get_by_role("heading", name=re.compile("Overdue boat")).wait_for(timeout=PATIENCE)
         until(lambda: report.evaluate("document.querySelector('#map canvas') !== null"), 60)
         assert report.evaluate("self.origin") == "null"  # apart from our page
-        with report.expect_download() as saved:  # a link of the report to what lies beside it
+        # a link of the report to what lies beside it
+        with report.expect_download(timeout=PATIENCE) as saved:
             report.get_by_role("link", name="forecast.nc").click()
         assert (
             Path(saved.value.path()).read_bytes()

@@ -220,7 +220,7 @@ def test_export_and_a_dropped_file(browser: Any, served: Server) -> None:
         made.get_by_role("button", name="Make the file").click()
         link = made.get_by_role("link", name="Save two-forecast.zip")
         link.wait_for(timeout=PATIENCE)
-        with page.expect_download() as saved:
+        with page.expect_download(timeout=PATIENCE) as saved:
             link.click()
         content = Path(saved.value.path()).read_bytes()
         assert saved.value.suggested_filename == "two-forecast.zip"
