@@ -118,7 +118,7 @@ class SortieByState:
             n = ensemble.n * (several if growth is None else 1)
             shared = runtime.empty(n) if shared is None else runtime.copy(shared)
         for part, own in zip(self._parts, exposed, strict=True):
-            part.fail(ensemble, own, shared, log_weight, True, growth)
+            part.fail(ensemble, own, shared, log_weight, keep=True, growth=growth)
 
     def searched(self) -> Array:
         """Return the share of the sortie's time that each particle was in its area, float64 (n,)."""

@@ -576,9 +576,10 @@ def track(
 ) -> None:
     """Draw the mean track up to the map's time with its times, marks, names and the scale bar.
 
-    names: shapes (n, 2) [deg] and texts of other objects on the map, written where there is room,
-    as are the times between the first and the last, towns and harbours. Before all releases have happened, the mean jumps with each release: that
-    part of the track is thin and dotted.
+    names: shapes (n, 2) [deg] and texts of other objects on the map. They are written where there
+    is room, and so are towns, harbours, and the times between the first and the last. Before all
+    releases have happened, the mean jumps with each release: that part of the track is thin and
+    dotted.
     """
     data = forecast.data
     lon, lat, times = data["mean_lon"].values, data["mean_lat"].values, data["time"].values

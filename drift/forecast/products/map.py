@@ -96,8 +96,8 @@ def _draw_page(
     for overlay in drawn_over:
         overlay.draw(ax, frame)
     ashore = layers.ashore_marks(ax, frame, forecast, time)
-    stories = [(line.shape(), line.label) for line in setting.lines]
-    names = [*stories, *(name for overlay in drawn_over for name in overlay.names)]
+    priors = [(line.shape(), line.label) for line in setting.lines]
+    names = [*priors, *(name for overlay in drawn_over for name in overlay.names)]
     layers.track(ax, on.canvas, frame, forecast, time, setting.marks, names)
 
     valid = f"Valid {notation.format_dtg(now)}   ({notation.iso(now)}, UTC)"

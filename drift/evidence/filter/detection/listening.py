@@ -246,7 +246,7 @@ class Listening:
                 it; None: there were none.
             log_weight: of the particles, changed in place.
             keep: whether `shared`, if any, takes this miss.
-            growth: None, as is `growth` of the class.
+            growth: None, as its misses are no hazards.
         """
         ones = np.ones((len(ensemble.scenarios), len(self.factors)))
         sweep.fail(
